@@ -364,6 +364,24 @@ def test_a_parameter_that_the_train_replaces_is_refused(name: str) -> None:
         LAWS.make(LAWS.name_of(law), {}, model(FIVE), 0.1)
 
 
+@dataclass(slots=True)
+class Completed:
+    """Law whose own ``bind()`` completes a parameter."""
+
+    gain: float = 0.0
+
+    def bind(self, model: Any, period: float) -> None:
+        self.gain = self.gain or 0.2 / period
+
+    reset = step = lambda *_: None
+
+
+def test_a_law_can_complete_its_parameters_for_the_train() -> None:
+    """Breaks if a default that ``bind()`` computes is refused, or a law with slots."""
+    assert LAWS.make(LAWS.name_of(Completed), {}, model(FIVE), 0.1).gain == 2.0
+    assert LAWS.make(LAWS.name_of(Completed), {"gain": 0.5}, model(FIVE), 0.1).gain == 0.5
+
+
 def test_the_text_of_an_error_is_printable() -> None:
     """Breaks if a log refuses half of a character in the text of an error, or a text that cannot be made hides it."""
 

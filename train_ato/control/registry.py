@@ -15,7 +15,7 @@ import importlib
 import inspect
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -31,6 +31,8 @@ from train_ato.control.contract import Parameter, RefusedParameter, make_paramet
 from train_ato.control.gains import Gains, gains_of
 
 _KINDS = {"bool": bool, "int": int, "float": float, "str": str}
+_OF_TRAIN = ("model", "period", "n", "share", "saturated", "actuators", "shoes")
+"""Attributes that the bases of laws, observers and compensations set for a train."""
 
 
 class KeywordForm:
@@ -83,21 +85,20 @@ class GivenComponent:
     values: Mapping[str, Any]
 
 
-def started(component: Any, model: Any, period: float, names: Iterable[str]) -> Any:
+def started(component: Any, model: Any, period: float, names: Collection[str]) -> Any:
     """Bind a component with keywords to a train and the control period [s], clear its state, and return it.
 
     Raises
     ------
     ValueError
-        If the component replaces one of the named parameters by a value of the train, so that it has no effect.
+        If a value of the train replaces one of the named parameters, so that it has no effect.
     """
     bind = getattr(component, "bind", None)
     if bind is not None:
-        given = {name: vars(component)[name] for name in names if name in vars(component)}
+        given = {name: getattr(component, name) for name in _OF_TRAIN if name in names and hasattr(component, name)}
         bind(model, period)
-        for name, value in given.items():
-            if vars(component)[name] is not value:
-                raise ValueError(f"bind() replaces its parameter '{name}'; choose another name for the parameter")
+        if taken := next((name for name, value in given.items() if getattr(component, name) is not value), None):
+            raise ValueError(f"bind() replaces its parameter '{taken}'; choose another name for the parameter")
     component.reset()
     return component
 
