@@ -230,6 +230,19 @@ def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
     return [(float(times[i]), float(recording.front_position[i]), 600e3 - float(pressure[i])) for i in rows]
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_place_is_that_of_the_first_vehicle_of_a_pushed_train(compiled: bool, tmp_path: Path) -> None:
+    """Breaks if a policy takes the place of the locomotive behind 20 wagons: the train brakes 240 m too late."""
+    data = load_consist("hxd1_c80_105").model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["train"] = [{"type": "c80", "count": 20}, {"type": "hxd1"}]
+    (tmp_path / "pushed.yaml").write_text(yaml.safe_dump(data))
+    brake = {"policy": "planned", "events": [{"place": 3000, "reduction_kpa": 50}]}
+    changes = {"plant": {"consist": str(tmp_path / "pushed.yaml")}, "brake": brake, "observer": "ndo"}
+    setup = setup_of("demo", *sets_on_fall(tmp_path, duration=60.0), changes=changes)
+    ((_, place, reduction),) = changes_of(run_engine(setup, compiled=compiled).recording)
+    assert reduction == 50e3 and 2999.0 <= place < 3003.0, "the couplers of a pushed train are compressed"
+
+
 @pytest.mark.parametrize(
     "mismatch",
     [{}, {"mass_scale": 1.03, "brake_scale": 0.92}, {"resistance_scale": 1.15}],

@@ -307,7 +307,7 @@ class ControlStack:
         elif self._air_brake:
             self.pressure = self.policy.step(
                 measurement.stamp * 1e-9,
-                float(measurement.position[0]),
+                self.model.front(measurement.position),
                 float(measurement.velocity[0]),
                 total_of_units(measurement.applied),
             )

@@ -197,7 +197,7 @@ def _prepare(tick, at, stepping, state, measured, couplers, reference, feedforwa
         x = inputs[u]
         x.position, x.velocity = measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u]
         x.applied = measured[tick, MEASURED_FORCE, u]
-    if not called and changes_brake(at * 1e-9, place, speed, measured[tick, MEASURED_FORCE], braking):
+    if not called and changes_brake(at * 1e-9, place + own[0].offset, speed, measured[tick, MEASURED_FORCE], braking):
         return False
     if not observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now):
         return False

@@ -107,7 +107,7 @@ class ObserverStack:
     def __init__(self, model: TrainModel, observer: Any, brake_policy: BrakePolicy) -> None:
         self.observer = observer
         self.policy = brake_policy
-        self.shoes = ShoeForecast(model)
+        self._model, self.shoes = model, ShoeForecast(model)
         self.speed = 0.0
         self._no_shoes = self.shoes.at(0.0, 0.0)
 
@@ -117,7 +117,7 @@ class ObserverStack:
         if self.shoes.fitted:
             if is_valid_state(measurement):
                 self.speed = float(measurement.velocity[0])
-                position, applied = float(measurement.position[0]), total_of_units(measurement.applied)
+                position, applied = self._model.front(measurement.position), total_of_units(measurement.applied)
                 self.shoes.demand(t, self.policy.step(t, position, self.speed, applied))
             shoes = self.shoes.at(t, self.speed)
         inputs = ObserverInput(t, seen.position, seen.velocity, seen.applied, seen.force, shoes.own, shoes.total)
