@@ -24,6 +24,7 @@ from train_ato.judge.verdict import verdict_line
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.scenario import check_scenario, load_scenario
 from train_ato.scenario.setup import prepare
+from train_ato.scenario.supervised_plan import _without_small_rises
 
 CAR = {
     "mass_t": 20, "length": 15, "rotating_mass_factor": 1.1, "resistance": {"n_per_kn_kmh": [2.0, 0.02, 0.001]},
@@ -93,6 +94,15 @@ def test_a_plan_at_the_limits_brakes_without_a_release(tmp_path: Path, monkeypat
     fastest = int(np.flatnonzero(profile.velocity > 0.95 * profile.velocity.max())[-1])
     braking = profile.acceleration[fastest:][profile.velocity[fastest:] > 2.0]
     assert braking.max() < -0.2
+
+
+def test_a_small_rise_does_not_end_in_a_stronger_braking() -> None:
+    """Breaks if a plan brakes for a steep fall from a balise on that is up to 20 s ahead of it."""
+    places = np.arange(0.0, 605.0, 5.0)
+    falling = 625.0 - 0.2 * places
+    rising = falling + np.where(places < 200.0, 0.0, 10.0) - np.maximum(places - 400.0, 0.0)
+    steady = _without_small_rises(places, np.sqrt(rising)) ** 2
+    assert np.abs(steady - np.minimum(rising, falling)).max() < 1e-6
 
 
 def test_a_plan_with_enough_distance_is_the_same(tmp_path: Path) -> None:

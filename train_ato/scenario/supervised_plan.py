@@ -164,9 +164,13 @@ def _without_small_rises(places: Array, limit: Array) -> Array:
         end = int(np.searchsorted(places, places[k - 1] + HOLD_TIME * limit[k - 1], side="right"))
         lower = np.flatnonzero(square[k:end] <= square[k - 1])
         if lower.size and math.sqrt(square[k : k + lower[0]].max()) <= limit[k - 1] + SMALL_RISE:
-            slopes = (square[k:end] - square[k - 1]) / (places[k:end] - places[k - 1])
-            last = k + int(slopes.argmin())
-            square[k : last + 1] = square[k - 1] + slopes.min() * (places[k : last + 1] - places[k - 1])
+            ahead = places[k:end] - places[k - 1]
+            slope = float(((square[k:end] - square[k - 1]) / ahead).min())
+            if k > 1 and square[k - 1] < square[k - 2]:  # no stronger braking ahead of a steeper fall
+                slope = max(slope, float((square[k - 1] - square[k - 2]) / (places[k - 1] - places[k - 2])))
+            steady = square[k - 1] + slope * ahead
+            last = k + int((steady >= square[k:end] - 1e-9).argmax())
+            square[k : last + 1] = steady[: last + 1 - k]
             k = last
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
