@@ -106,7 +106,7 @@ def _until(options: argparse.Namespace, line: Line) -> float:
         raise ValueError(f"--until-km {error}") from None
     if not line.begin < until <= line.end:
         raise ValueError(
-            f"--until-km {asked}: not on line '{line.name}' ({line.extent}); give a place beyond its begin"
+            f"--until-km {asked}: not on line '{line.name}' ({line.extent}); give a place on it, beyond its begin"
         )
     if not 1 <= options.speed_kmh <= 500:
         raise ValueError(f"--speed-kmh {options.speed_kmh}: out of range; give 1 to 500 km/h")
