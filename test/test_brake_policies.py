@@ -230,14 +230,32 @@ def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
     return [(float(times[i]), float(recording.front_position[i]), 600e3 - float(pressure[i])) for i in rows]
 
 
+def own_train(folder: Path, *parts: tuple[str, int]) -> str:
+    """Write a train of vehicles of `demo`; return the file."""
+    data = load_consist("hxd1_c80_105").model_dump(mode="json", by_alias=True, exclude_none=True)
+    data["train"] = [{"type": name, "count": count} for name, count in parts]
+    (folder / "own.yaml").write_text(yaml.safe_dump(data))
+    return str(folder / "own.yaml")
+
+
+def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: Path) -> None:
+    """Breaks if the brakes are released at 35 km/h: the plan needs them up to its stop."""
+    plan = {"end_km": 4, "acceleration": 0.2, "deceleration": 0.2}
+    changes = {
+        "duration": 360, "plant": {"consist": own_train(tmp_path, ("hxd1", 1), ("c80", 30)), "line": "level"},
+        "brake": {"policy": "predictive"}, "profile": {"phases": None, "limits": None, "plan": plan},
+    }  # fmt: skip
+    outcome = run_engine(setup_of("demo", changes=changes))
+    (_, _, reduction), (end, _, _) = changes_of(outcome.recording)
+    assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 2.0
+    assert outcome.recording.front_velocity[outcome.recording.time >= end].max() < 0.5
+
+
 @pytest.mark.parametrize("compiled", [False, True])
 def test_a_place_is_that_of_the_first_vehicle_of_a_pushed_train(compiled: bool, tmp_path: Path) -> None:
     """Breaks if a policy takes the place of the locomotive behind 20 wagons: the train brakes 240 m too late."""
-    data = load_consist("hxd1_c80_105").model_dump(mode="json", by_alias=True, exclude_none=True)
-    data["train"] = [{"type": "c80", "count": 20}, {"type": "hxd1"}]
-    (tmp_path / "pushed.yaml").write_text(yaml.safe_dump(data))
     brake = {"policy": "planned", "events": [{"place": 3000, "reduction_kpa": 50}]}
-    changes = {"plant": {"consist": str(tmp_path / "pushed.yaml")}, "brake": brake, "observer": "ndo"}
+    changes = {"plant": {"consist": own_train(tmp_path, ("c80", 20), ("hxd1", 1))}, "brake": brake, "observer": "ndo"}
     setup = setup_of("demo", *sets_on_fall(tmp_path, duration=60.0), changes=changes)
     ((_, place, reduction),) = changes_of(run_engine(setup, compiled=compiled).recording)
     assert reduction == 50e3 and 2999.0 <= place < 3003.0, "the couplers of a pushed train are compressed"

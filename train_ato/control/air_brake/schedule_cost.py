@@ -26,7 +26,9 @@ LIMIT_WEIGHT = 100.0
 TRACTION_WEIGHT = 10.0
 """Weight of traction against the shoes, as a part of the electric brake."""
 TRAPPED_COST = 1e3
-"""Cost per time of applied brakes below the lowest speed of a release."""
+"""Cost per time of applied brakes below the lowest speed of a release, unless they stop the train in the horizon."""
+REST_SPEED = 0.01
+"""Speed of the profile below which the train is at rest [m/s]."""
 # Rows of `track`: line force on the train and speed limit, on the grid of the model.
 LINE_FORCE, LIMIT = range(2)
 # Rows of `forces`: largest electric brake and traction over the speed.
@@ -78,9 +80,14 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
     steps, cost, last = len(slow), 0.0, track.shape[1] - 1
     place, speed = now[AT], now[SPEED]
     h, inertia = constant[STEP], constant[INERTIA]
+    rest, fast = steps, True  # up to the last rest of the profile the train may stop with applied brakes
+    while rest > 0 and reference[rest] > REST_SPEED:
+        rest -= 1
     for step in range(steps):
         if released[step] and speed < constant[LOWEST_RELEASE]:
             return np.inf
+        if applied[step] and (step == 0 or not applied[step - 1]):
+            fast = speed >= constant[LOWEST_RELEASE]
         factor, shoes = shoe_force(1.0, speed), 0.0
         for force in slow[step]:
             shoes += force
@@ -98,9 +105,9 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
         error = (speed - reference[step + 1]) / constant[ERROR]
         excess = max(speed - track[LIMIT, at], 0.0) / constant[ERROR]
         cost += error * error + LIMIT_WEIGHT * excess * excess
-        if applied[step] and speed < constant[LOWEST_RELEASE]:
+        if applied[step] and speed < constant[LOWEST_RELEASE] and (step >= rest or not fast):
             cost += TRAPPED_COST
-        if shoes > 0.0:
+        if shoes > 0.0 and reference[step + 1] > REST_SPEED:
             cost += TRACTION_WEIGHT * max(min(force, shoes), 0.0) / max(forces[BRAKE, row], 1.0)
         if shoes > 0.0 or force < 0.0:
             cost += _coupler_load(constant, vehicles, slow[step], factor, shoes, force)
