@@ -19,6 +19,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.judge.recording import BRAKE_PIPE_COMMAND, Recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.engine import run_engine
+from train_ato.loop.observer import ObserverStage
 from train_ato.messages.types import Measurement, Reference
 from train_ato.profile.driver import average_speed
 from train_ato.scenario.scenario_files import shipped_scenarios
@@ -238,17 +239,43 @@ def own_train(folder: Path, *parts: tuple[str, int]) -> str:
     return str(folder / "own.yaml")
 
 
-def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: Path) -> None:
-    """Breaks if the brakes are released at 35 km/h: the plan needs them up to its stop."""
+def with_weak_electric_brake(folder: Path) -> RunSetup:
+    """Return a train whose plan needs the air brake up to its stop."""
     plan = {"end_km": 4, "acceleration": 0.2, "deceleration": 0.2}
     changes = {
-        "duration": 360, "plant": {"consist": own_train(tmp_path, ("hxd1", 1), ("c80", 30)), "line": "level"},
+        "duration": 360, "plant": {"consist": own_train(folder, ("hxd1", 1), ("c80", 30)), "line": "level"},
         "brake": {"policy": "predictive"}, "profile": {"phases": None, "limits": None, "plan": plan},
     }  # fmt: skip
-    outcome = run_engine(setup_of("demo", changes=changes))
+    return setup_of("demo", changes=changes)
+
+
+def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: Path) -> None:
+    """Breaks if the brakes are released at 35 km/h: the plan needs them up to its stop."""
+    outcome = run_engine(with_weak_electric_brake(tmp_path))
     (_, _, reduction), (end, _, _) = changes_of(outcome.recording)
     assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 2.0
     assert outcome.recording.front_velocity[outcome.recording.time >= end].max() < 0.5
+
+
+@pytest.mark.parametrize(("speed", "demanded"), [(15.0, APPLIED), (8.0, CHARGED)])
+def test_no_application_begins_below_35_km_h(speed: float, demanded: float, tmp_path: Path) -> None:
+    """Breaks if released brakes are applied for the last metres of a stop, below ``never_below``."""
+    setup = with_weak_electric_brake(tmp_path)
+    at = int(np.flatnonzero(setup.profile.velocity > speed)[-1])
+    now = setup.profile.time.item(at), setup.profile.position.item(at), setup.profile.velocity.item(at)
+    assert setup.brake_policy().step(*now, -461e3) == demanded
+
+
+def test_the_policy_of_the_observer_has_the_place_of_the_first_vehicle(tmp_path: Path) -> None:
+    """Breaks if the forecast of the observer brakes at another place than the controller."""
+    pushed = own_train(tmp_path, ("c80", 20), ("hxd1", 1))
+    setup = setup_of("demo", changes={"plant": {"consist": pushed}, "observer": "ndo"})
+    stack, seen = ObserverStage(setup).stack, []
+    stack.policy.step = lambda t, position, *motion: seen.append(position) or CHARGED  # type: ignore[method-assign]
+    one = np.ones(1)
+    none = np.zeros(0)
+    stack.step(Measurement(0, 3000.0 * one - setup.model.offsets, 14.0 * one, 0.0 * one, none, none, none))
+    assert seen == [pytest.approx(3000.0)]
 
 
 @pytest.mark.parametrize("compiled", [False, True])
