@@ -100,6 +100,9 @@ def test_one_line_of_advice_names_gains_and_delay_with_a_remedy_that_works() -> 
     assert setup_of(OWN, "laws.pid.gains=model", "compensation=preview").advice() == ""
     assert setup_of(OWN, "laws.pid.kp=0.4", "compensation=preview").advice() == ""
     assert setup_of(OWN, "law=mpc").advice() == "", "mpc predicts over the delay"
+    gpc = setup_of(OWN, "law=gpc").advice()
+    assert gpc == "gpc: delay 0.3 s and lag 0.4 s without compensation; try --compensation preview", "its feed-forward"
+    assert setup_of(OWN, "law=gpc", "laws.gpc.feedforward=false").advice() == "", "it predicts the whole command"
 
 
 def test_gains_of_ones_own_have_a_line_if_they_are_unstable() -> None:

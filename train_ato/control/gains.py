@@ -159,7 +159,8 @@ def advice(
             values = gains.own
         remedies += [f"--set laws.{name}.{key}={_rounded(value)}" for key, value in values.items()]
     delay = model.longest_delay
-    if compensation == "none" and delay + model.lag > period and not getattr(law, "predicts_delay", False):
+    late = getattr(law, "uses_feedforward", True) or not getattr(law, "predicts_delay", False)
+    if compensation == "none" and delay + model.lag > period and late:
         found.append(f"delay {number_text(delay)} s and lag {number_text(model.lag)} s without compensation")
         remedies.append("--compensation preview")
     return f"{name}: {', '.join(found)}; try {' '.join(remedies)}" if found else ""
