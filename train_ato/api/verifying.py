@@ -64,6 +64,9 @@ def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
             f"{path}: cannot be driven again, a node was a program outside of this project: {named}; "
             "name a run of this project's nodes"
         )
+    if restarts := summary.get("restarts"):
+        named = ", ".join(restarts)
+        raise ValueError(f"{path}: cannot be driven again, it has a restarted node: {named}; name another run")
     changes = read_changes(path)
     setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario), ahead=read_ahead(path, setup))
     return compare_with_new(path, setup, relative)

@@ -176,7 +176,8 @@ class RunChanges:
         """
         scenario = self.begun(scenario)
         tick_ns = _tick(scenario)
-        changes = [change_at(stamp, values) for stamp, values in self.laws]
+        # one by one: the changes of a step keep the order of the log
+        changes = [change_at(stamp, {name: value}) for stamp, step in self.laws for name, value in step.items()]
         reached = {requested_stamp(change) for change in changes}
         changes += [change for change in scenario.law_changes if effective_stamp(change, tick_ns) not in reached]
         done, ahead = self._matched(scenario)
