@@ -1,7 +1,12 @@
 """Nodes of a scenario, a process each: ``ros2 launch train_ato demo.launch.py scenario:=demo out:=runs/launched``."""
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import matches_action
+from launch.events.process import ShutdownProcess
 from launch_ros.actions import Node
 
 from train_ato.scenario.scenario import load_scenario
@@ -20,6 +25,13 @@ ARGUMENTS = {
 }
 
 
+def _rate(text):
+    try:
+        return 0.0 if text == "max" else float(text)
+    except ValueError:
+        raise ValueError(f"rate:={text}: give simulated seconds per second of wall time, or max") from None
+
+
 def _nodes(context):
     """Return the nodes; a scenario that cannot be read ends the launch before the first process."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
@@ -33,10 +45,12 @@ def _nodes(context):
     of_one = {"recorder": ["--out", given["out"]], "plant": ["--recorded"]}
     of_one["plant"] += ["--followed"] if given["followed"].lower() == "true" else []
     file = [given["params"]] if given["params"] else []
-    rate = [{"rate": 0.0 if given["rate"] == "max" else float(given["rate"])}] if given["rate"] else []
+    if file and not Path(file[0]).is_file():  # launch warns and starts the nodes without it
+        raise ValueError(f"params:={file[0]}: no such file")
+    rate = [{"rate": _rate(given["rate"])}] if given["rate"] else []
     # these two names are absolute: in a namespace every train has its own
     absolute = [(f"/{name}", name) for name in ("clock", "diagnostics")] if given["namespace"] else []
-    return [
+    nodes = [
         Node(
             package="train_ato",
             executable=f"{node}_node",
@@ -49,6 +63,13 @@ def _nodes(context):
         for node in given["nodes"].split()
         if node != given["external"] and (node != "supervisor" or supervised)
     ]
+
+    def end_others(event, _):
+        """End the other nodes after a refused one, for which they would wait."""
+        refused = event.action in nodes and event.returncode == 2
+        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(node))) for node in nodes if refused]
+
+    return [*nodes, RegisterEventHandler(OnProcessExit(on_exit=end_others))]
 
 
 def generate_launch_description():

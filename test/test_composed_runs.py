@@ -381,10 +381,12 @@ def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "closed terminal"])
 def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a missing node is not reported, or a signal in the wait gives a traceback, or kills the node."""
+    """Breaks if a missing node is not named, or only by its topics, or a signal in the wait kills the node."""
     plant = terminals.start("plant", "--scenario=demo")
     assert plant.stdout is not None
-    assert "not begun: supervisor is not there" in plant.stdout.readline()
+    line = plant.stdout.readline()
+    assert "not begun: supervisor is not there" in line
+    assert "plant waits for node profile, node observer, node controller, node supervisor; only" in line
     plant.send_signal(number)
     status, rest = terminals.ends()["plant"]
     assert status == 0

@@ -66,7 +66,8 @@ def test_launch_files_describe_a_launch(file: Path) -> None:
 
 def launched(monkeypatch: pytest.MonkeyPatch, file: Path, function: str, **changes: str) -> None:
     """Run a launch file with stubs of launch, for whose ROS part there is no wheel."""
-    for name in ("launch", "launch.actions", "launch_ros", "launch_ros.actions"):
+    modules = ("launch", "launch.actions", "launch.event_handlers", "launch.events", "launch.events.process")
+    for name in (*modules, "launch_ros", "launch_ros.actions"):
         monkeypatch.setitem(sys.modules, name, MagicMock())
     found = runpy.run_path(str(file))
     values = {name: default for name, (default, _) in found["ARGUMENTS"].items()}
@@ -79,14 +80,26 @@ def launched(monkeypatch: pytest.MonkeyPatch, file: Path, function: str, **chang
         ({"nodes": "plant controler"}, "nodes:=plant controler: no node 'controler'; choose from recorder, supervisor"),
         ({"external": "nope"}, "external:=nope: no node 'nope'; choose from supervisor, profile, observer, controller"),
         ({"external": "recorder"}, "external:=recorder: no node 'recorder'"),
+        ({"params": "nowhere.yaml"}, "params:=nowhere.yaml: no such file"),
+        ({"rate": "fast"}, "rate:=fast: give simulated seconds per second of wall time, or max"),
     ],
 )
-def test_a_launch_refuses_a_node_of_no_name(
+def test_a_launch_refuses_what_no_node_can_take(
     changes: dict[str, str], says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Breaks if the launch goes on without the node, and the plant waits for it."""
+    """Breaks if the launch goes on without the node or the parameters, or does not name the argument."""
     with pytest.raises(ValueError, match=f"^{re.escape(says)}"):
         launched(monkeypatch, LAUNCH[0], "_nodes", **changes)
+
+
+@pytest.mark.parametrize("status", [1, 2])
+def test_a_refused_node_ends_the_others_of_its_launch(status: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if they wait for it for ever; after a failure, status 1, they stop the train and close the log."""
+    launched(monkeypatch, LAUNCH[0], "_nodes", nodes="plant recorder")
+    ended = sys.modules["launch.event_handlers"].OnProcessExit.call_args.kwargs["on_exit"]
+    node = sys.modules["launch_ros.actions"].Node.return_value
+    assert len(ended(SimpleNamespace(action=node, returncode=status), None)) == (2 if status == 2 else 0)
+    assert not ended(SimpleNamespace(action="of another train", returncode=status), None)
 
 
 def test_a_launch_of_following_trains_has_their_scenarios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -420,7 +420,7 @@ class NodeEndpoints:
             Roles with required endpoints, added to those of the graph.
         """
         roles = {*self._roles, *besides}
-        absent = []
+        lacking: list[tuple[str, list[Role]]] = []
         for name, publisher in self._publishers.items():
             topic = BY_NAME[name]
             if not topic.awaited:
@@ -429,7 +429,7 @@ class NodeEndpoints:
             if topic.recorded and Role.RECORDER in roles:
                 readers.append(Role.RECORDER)
             if publisher.get_subscription_count() < len(readers):
-                absent.append(f"a reader of {name} ({', '.join(role.value for role in readers)})")
+                lacking.append((f"a reader of {name}", readers))
         for name, subscription in self._subscriptions.items():
             topic = BY_NAME[name]
             needed = roles if topic.optional or self.external is None else {*roles, self.external}
@@ -437,11 +437,18 @@ class NodeEndpoints:
             if len(BY_NAME[name].publishers) > 1:  # a program in place of a node may send no diagnostics
                 continue
             if subscription.get_publisher_count() < len(senders):
-                absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
+                lacking.append((f"a publisher of {name}", senders))
+        own, space = self.node.get_name(), self.node.get_namespace()
+        names = [name for name, other in self.node.get_node_names_and_namespaces() if other == space]
+        named = {role for _, peers in lacking for role in peers} - {self.external}  # a program may have any name
+        away = [role for role in Role if role in named and role.value not in names]
+        absent = [f"node {role.value}" for role in away]
+        for what, peers in lacking:  # the topics of a node that is not there say no more than its name
+            if not set(peers) & set(away):
+                absent.append(f"{what} ({', '.join(role.value for role in peers)})")
         absent += filter(None, (source.second() for source in self._sources.values()))
         absent += self.lacking()
-        own = (self.node.get_name(), self.node.get_namespace())
-        if self.node.get_node_names_and_namespaces().count(own) > 1:
+        if names.count(own) > 1:
             absent.append(f"the end of a second node {self.name}")
         if not absent and self.external is not None and self._settling():
             absent.append(f"{SETTLING_S:g} s without a new reader in node {self.external.value}")
