@@ -13,7 +13,7 @@ from span_runs import Both, compiled_part, messages_of, setup_of
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from train_ato.control.contract import NoParameters, parameter
-from train_ato.control.guard import GIVEN
+from train_ato.control.guard import GIVEN, limit_demands
 from train_ato.control.law import STEPPED, LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance
@@ -165,6 +165,19 @@ def test_records_and_inputs_have_their_fields() -> None:
     for name in GIVEN:
         assert law.units[name].tolist() == marked[name].tolist(), name
     assert law.now[0].item() == (11.0, 0.12, 0.13, 0.14, 0.0, 15.0, 33.0)
+
+
+def test_units_give_the_force_that_others_lack_and_are_then_at_no_limit() -> None:
+    """Breaks if a law keeps its integral at a limit that the train does not have, or units of one kind are changed."""
+    units = zeros(LawUnit, 2)
+    units["force_min"], units["force_max"] = (-20.0, -60.0), (60.0, 20.0)
+    for shifted, wanted, force, saturated in (
+        (True, (-56.0, -20.0), (-20.0, -56.0), False), (True, (-69.0, -23.0), (-20.0, -60.0), True),
+        (True, (30.0, 30.0), (40.0, 20.0), False), (False, (-60.0, -20.0), (-20.0, -20.0), None),
+    ):  # fmt: skip
+        units["shifted"], units["wanted"] = shifted, wanted
+        assert limit_demands(units) and units["force"].tolist() == pytest.approx(force)
+        assert units["saturated"].tolist() == ([True, False] if saturated is None else [saturated] * 2)
 
 
 def test_a_subclass_with_a_demand_in_python_is_guarded() -> None:

@@ -62,6 +62,7 @@ class LawUnit:
     wanted: float = quantity("N", "demand of the law before the limits")
     force: float = quantity("N", "command of the last step, inside the limits")
     saturated: bool = quantity("", "the last demand was beyond a limit")
+    shifted: bool = quantity("", "the other units give the force that one of them lacks")
 
 
 @compiled
@@ -89,7 +90,25 @@ def limit_demands(units: Records[LawUnit]) -> bool:
     for x in units:
         x.force = x.force_min if x.wanted < x.force_min else x.force_max if x.wanted > x.force_max else x.wanted
         x.saturated = x.force != x.wanted
+    if units[0].shifted:
+        _shift_rest(units)
     return True
+
+
+@compiled
+def _shift_rest(units: Records[LawUnit]) -> None:
+    """Give the force that units at a limit lack to the others, in proportion to their room."""
+    rest, room = 0.0, 0.0
+    for x in units:
+        rest += x.wanted - x.force
+    for x in units:
+        room += (x.force_max if rest > 0.0 else x.force_min) - x.force
+    if rest == 0.0 or room == 0.0:
+        return
+    part = min(rest / room, 1.0)
+    for x in units:
+        x.force += part * ((x.force_max if rest > 0.0 else x.force_min) - x.force)
+        x.saturated = part == 1.0
 
 
 @compiled
@@ -260,7 +279,7 @@ class GuardedLaw:
         self.saturated = [False] * self.n
         self._last_force = [0.0] * self.n
         self._records = zeros(LawNow, 1), zeros(LawUnit, self.n)
-        self._records[1]["share"] = model.share
+        self._records[1]["share"], self._records[1]["shifted"] = model.share, model.uneven
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N] for valid inputs."""

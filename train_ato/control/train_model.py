@@ -261,6 +261,17 @@ class TrainModel:
         )
         return shares
 
+    @cached_property
+    def uneven(self) -> bool:
+        """True if the force of a unit differs from its share of all forces by 1 % of the largest sum."""
+        for kind in (self.traction, self.brake):
+            speeds = np.arange(0.0, max((unit.rows[-1, 0] for unit in kind if len(unit.rows)), default=0.0), 0.5)
+            forces = np.array([unit.forces(speeds) for unit in kind])
+            whole = forces.sum(axis=0)
+            if (np.abs(forces - self.share[:, None] * whole) > 0.01 * whole.max(initial=0.0)).any():
+                return True
+        return False
+
     @property
     def longest_delay(self) -> float:
         """Longest delay of a command to a power unit [s]."""

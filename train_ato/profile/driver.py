@@ -17,6 +17,7 @@ from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.force_distribution import ForceDistribution
 from train_ato.control.open_loop import DriverAction, OpenLoopDriver, actions_text, driver_reductions
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
@@ -120,7 +121,7 @@ def simulate_driver(
     train = Train(consist, line, setup, step_ns=round(STEP * 1e9), tick_ns=round(PERIOD * 1e9), seed=0)
     model = nominal_train_model(consist, line, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
-    substeps = round(PERIOD / STEP)
+    substeps, shares = round(PERIOD / STEP), ForceDistribution((), model.share.tolist())
     force, events, standstill = 0.0, [], 0
     charged = pressure = consist.air_brake.charged if consist.air_brake else 0.0
     positions, velocities, forces = [], [], []
@@ -141,7 +142,10 @@ def simulate_driver(
             events.append((tick * PERIOD, charged - demanded))
             pressure = demanded
         force = driver.next_force(model, position, velocity, force)
-        train.advance(np.tile(force * model.share, (substeps, 1)), pressure if consist.air_brake else None)
+        units: list[float] = (force * model.share).tolist()
+        if model.uneven:
+            units = shares.forces(position, units, *model.limits_of_units([velocity] * model.n_units))
+        train.advance(np.tile(units, (substeps, 1)), pressure if consist.air_brake else None)
         if report is not None and tick % 1000 == 0:
             report(position)
     return DrivenRun(PERIOD, np.array(positions), np.array(velocities), np.array(forces), tuple(events))
