@@ -278,19 +278,18 @@ class PipePressure:
         Constants of the vehicles of the kernel, with the ways of the waves [m]; parting of couplers changes them.
     vehicles
         Numbers of the vehicles.
+    new
+        Changes, whose times must not decrease; they are taken out of the list.
     """
 
-    def __init__(self, brake: AirBrake, vehicle_data: Array, vehicles: Sequence[int]) -> None:
-        self._brake = brake
+    def __init__(
+        self, brake: AirBrake, vehicle_data: Array, vehicles: Sequence[int], new: list[PressureChange]
+    ) -> None:
+        self._brake, self._new = brake, new
         self._ways = vehicle_data
         self._places = [_Place(vehicle, brake.charged) for vehicle in vehicles]
         self._changes: dict[int, PressureChange] = {}
         self._number = 0
-
-    def add(self, change: PressureChange) -> None:
-        """Add a change; the times of changes must not decrease."""
-        self._changes[self._number] = change
-        self._number += 1
 
     @property
     def is_settled(self) -> bool:
@@ -299,6 +298,10 @@ class PipePressure:
 
     def at(self, time: float) -> tuple[float, ...]:
         """Return the pressure at every place [Pa] at a time [s]; times must not decrease."""
+        if self._new:
+            self._changes |= enumerate(self._new, self._number)
+            self._number += len(self._new)
+            self._new.clear()
         if self._changes:
             self._take_arrived(time)
         return tuple([place.follow_each((time,))[0] for place in self._places])
@@ -419,7 +422,9 @@ class PipeEvents(BrakeEvents):
     pressure : float
         Pressure set at the power units [Pa, absolute].
     changes : list of PressureChange
-        Changes since the reader of the pressure has cleared the list.
+        Changes since :class:`PipePressure` has taken them out of the list.
+    vented : bool
+        True while the emergency brake is applied.
     """
 
     def __init__(self, brake: AirBrake, vehicles: int) -> None:
@@ -428,22 +433,22 @@ class PipeEvents(BrakeEvents):
         self.changes: list[PressureChange] = []
         self._brake = brake
         self._demanded = brake.charged
-        self._vented = False
+        self.vented = False
 
     def demand(self, time: float, pressure: float) -> None:
         """Set the demanded pressure [Pa] from a time [s] on; a change starts an application or a release wave."""
         self._demanded = pressure
-        if not self._vented and not self._parted and abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
+        if not self.vented and not self._parted and abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
             self._set(time, pressure, braking_factor(self._brake, pressure))
 
     def apply_emergency(self, time: float) -> None:
         """Vent the pipe at the power units from a time [s] on: an application with the speed of its wave."""
-        self._vented = True
+        self.vented = True
         self._set(time, ATMOSPHERE, FULL_LEVEL)
 
     def release_emergency(self, time: float) -> None:
         """Close the vent at a time [s]; the pressure becomes the one demanded last."""
-        self._vented = False
+        self.vented = False
         self.demand(time, self._demanded)
 
     def part(self, time: float) -> None:
@@ -455,7 +460,7 @@ class PipeEvents(BrakeEvents):
     def _set(self, time: float, pressure: float, level: float) -> None:
         falls = pressure < self.pressure
         wave = self.apply_wave if falls else self._brake.release_wave
-        self.changes.append(PressureChange(time, pressure, wave, AT_UNITS, vents=self._vented))
+        self.changes.append(PressureChange(time, pressure, wave, AT_UNITS, vents=self.vented))
         self.pressure = pressure
         self._change(time, self.apply_wave if level > self._level else self._brake.release_wave, level)
 

@@ -52,8 +52,9 @@ def wheel_ratio(own: OdometerState, slips: Records[WheelSlip], time: float) -> f
 
 
 @compiled
-def count_distance(own: OdometerState, slips: Records[WheelSlip], stamp: int, front: float) -> None:
+def count_distance(states: Records[OdometerState], slips: Records[WheelSlip], stamp: int, front: float) -> None:
     """Count the distance to a true front position [m] at a time [ns]; a passed balise sets both odometers."""
+    own = states[0]
     wheel, moved = wheel_ratio(own, slips, stamp * 1e-9), front - own.front
     balise = own.spacing * floor(front / own.spacing)
     passed = moved > 0.0 and balise > own.front
@@ -70,24 +71,16 @@ def count_distance(own: OdometerState, slips: Records[WheelSlip], stamp: int, fr
 
 @compiled
 def read_odometers(
-    own: OdometerState, slips: Records[WheelSlip], stamp: int, speed: float, reading: OdometryReading
-) -> None:
+    states: Records[OdometerState], slips: Records[WheelSlip], stamp: int, speed: float,
+    readings: Records[OdometryReading],
+) -> None:  # fmt: skip
     """Write the odometry at the counted front position for a true speed [m/s] at a time [ns]."""
+    own, reading = states[0], readings[0]
     reading.stamp = stamp
     for index, ratio in enumerate((wheel_ratio(own, slips, stamp * 1e-9), own.radar)):
         reading.position[index] = own.origin + own.counted[index]
         reading.speed[index] = speed * ratio
         reading.since_balise[index] = own.since_balise[index]
-
-
-@compiled
-def _count(own: Any, slips: Any, stamp: int, front: float) -> None:
-    count_distance(own[0], slips, stamp, front)
-
-
-@compiled
-def _read(own: Any, slips: Any, stamp: int, speed: float, reading: Any) -> None:
-    read_odometers(own[0], slips, stamp, speed, reading[0])
 
 
 _pack = Struct("q6d").pack_into
@@ -138,9 +131,9 @@ class Odometers:
 
     def move(self, stamp: int, front: float) -> None:
         """Count the distance to a true front position [m] with the slips at a time [ns]."""
-        _count(self.state, self.slips, stamp, front)
+        count_distance(self.state, self.slips, stamp, front)
 
     def observe(self, stamp: int, speed: float) -> Odometry:
         """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
-        _read(self.state, self.slips, stamp, speed, self._reading)
+        read_odometers(self.state, self.slips, stamp, speed, self._reading)
         return odometry_of(self._reading[0])

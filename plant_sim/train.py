@@ -73,9 +73,10 @@ class Train:
         self._sections = SectionEffects(consist, line, setup, self.arrays)
         self.brake = friction_brake_events(consist)
         self.pipe = self.brake if isinstance(self.brake, PipeEvents) else None
-        self._pressure = (
-            None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
-        )
+        self._pressure: PipePressure | None = None
+        if self.pipe is not None and consist.air_brake is not None:
+            ends = (0, self.n - 1)
+            self._pressure = PipePressure(consist.air_brake, self.arrays.vehicle, ends, self.pipe.changes)
         self.sensor_set = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
@@ -141,26 +142,16 @@ class Train:
         force = a.state[k.COUPLER, 1 : n + 1].copy()
         vehicles = VehicleStates(stamp, a.state[k.X, :n].copy(), a.state[k.V, :n].copy(), force)
         measured = self.sensor_set.measure(vehicles, a.unit[k.APPLIED].copy())
-        if self.pipe is None or self._pressure is None:
+        if self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
-        head, tail = self.pipe_pressures(stamp * 1e-9)
+        head, tail = self._pressure.at(stamp * 1e-9)
         shoes = BrakeShoes(stamp, a.state[k.SHOE_FORCE, :n].copy())
         return Observation(vehicles, measured, Pipe(stamp, head), Pipe(stamp, tail), shoes)
 
-    def pipe_pressures(self, time: float) -> tuple[float, ...]:
-        """Return the brake-pipe pressure at the first and the last vehicle [Pa]; times [s] must not decrease."""
-        assert self.pipe is not None
-        assert self._pressure is not None
-        if self.pipe.changes:
-            for change in self.pipe.changes:
-                self._pressure.add(change)
-            self.pipe.changes.clear()
-        return self._pressure.at(time)
-
     def pipe_pressures_at_each(self, times: Array) -> Array:
         """Return the brake-pipe pressures at the first and the last vehicle at rising times [s], shape (times, 2)."""
-        first = self.pipe_pressures(times.item(0))
         assert self._pressure is not None
+        first = self._pressure.at(times.item(0))
         if self._pressure.is_settled:
             self._pressure.at(times.item(-1))
             return np.tile(first, (times.size, 1))
@@ -209,7 +200,7 @@ class Train:
                 self.jumps.apply(self.stamp, begin)
         self._integrate(demand, outside, begin, self.substeps)
         if self.outside.acts:
-            self._keep_outside()
+            self.keep_outside(self.arrays.state[k.V])
         self.stamp += self.tick_ns
 
     @property
@@ -241,7 +232,7 @@ class Train:
             self.brake.array, demand[: len(outside)], outside, self.outside.vehicles, a.setting,
         )  # fmt: skip
         if self.outside.acts:
-            self._keep_outside()
+            self.keep_outside(self.arrays.state[k.V])
         self.stamp += len(outside) * self.tick_ns
         return len(outside)
 
@@ -287,11 +278,10 @@ class Train:
             outside, self.outside.vehicles, a.setting,
         )  # fmt: skip
 
-    def _keep_outside(self) -> None:
-        listed = self.outside.listed
-        speed = self.arrays.state[k.V, listed]
-        force, per_speed = self.outside.mean
-        self._outside_force[listed] = force + per_speed * speed
+    def keep_outside(self, speed: Array) -> None:
+        """Keep the mean force of the disturbances over a tick, with the speeds of the vehicles after it [m/s]."""
+        listed, (force, per_speed) = self.outside.listed, self.outside.mean
+        self._outside_force[listed] = force + per_speed * speed[listed]
 
     @property
     def totals(self) -> Totals:

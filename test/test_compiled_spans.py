@@ -340,7 +340,9 @@ class Counted(CompensationBase):
         if inputs.t >= self.parameters.fails_at:
             raise ValueError("no input at this time")
         shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
-        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes=shoes)
+        return self.law_input(
+            inputs, inputs.t, self.feedforwards(np.array([inputs.t]), np.array([shoes.total]))[0], shoes=shoes
+        )
 
 
 @dataclasses.dataclass

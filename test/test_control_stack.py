@@ -296,7 +296,7 @@ def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
     control = stack(of, law, along=along)
     forces, _ = run(control, of, along, first + 10)
     assert (forces[first:] == (forces[first - 1] if first else 0.0)).all()
-    assert control.diagnostics()["held_steps"] == "10" and control.holding
+    assert control.diagnostics()["held_steps"] == "10" and control.hold.in_a_row
     with pytest.raises(RunFailed, match=said):
         run(control, of, along, 1)
 
@@ -308,7 +308,7 @@ def test_less_than_the_limit_is_counted_and_tolerated():
     forces, _ = run(control, of, along, 200)
     usual, _ = run(stack(of, "pid", along=along), of, along, 200)
     assert (forces[50:59] == forces[49]).all() and (forces[59:] == usual[59:]).all()
-    assert control.diagnostics()["held_steps"] == "9" and not control.holding
+    assert control.diagnostics()["held_steps"] == "9" and not control.hold.in_a_row
 
 
 @pytest.mark.parametrize("gap", [1, 9])

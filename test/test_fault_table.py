@@ -16,10 +16,9 @@ from msgs_docs.generate.fault_page import BASES, MEASURED, NOTHING, ROWS, STANDS
 from msgs_docs.generate.rows import read_rows
 from train_ato.cli import main
 from train_ato.messages.faults import FAULT_TOPICS, Fault, message_faults
-from train_ato.messages.receiver import Receiver
+from train_ato.messages.receiver import AliveCheck, Receiver, validity_check
 from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
 from train_ato.messages.types import BrakeRelease, Command
-from train_ato.messages.validity import AliveCheck, validity_check
 from train_ato.report.events import detect_events
 
 pytestmark = pytest.mark.usefixtures("without_figure")

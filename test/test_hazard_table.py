@@ -44,7 +44,7 @@ DECISIONS = {"step", "problem", "evaluate", "receive", "check", "check_limit"}
 PLACES = (
     "train_ato.supervision", "train_ato.loop.train_protection", "train_ato.control.assurance",
     "train_ato.control.ato_state", "train_ato.control.command_hold", "train_ato.control.plausibility",
-    "train_ato.messages.receiver", "train_ato.messages.validity",
+    "train_ato.messages.receiver",
 )  # fmt: skip
 """Packages and modules with monitors."""
 
@@ -58,7 +58,7 @@ def monitor_names(module: str) -> set[str]:
     found = set()
     for node in tree(module).body:
         methods = {entry.name for entry in getattr(node, "body", ()) if isinstance(entry, ast.FunctionDef)}
-        check = isinstance(node, ast.FunctionDef) and module == "train_ato.messages.validity"
+        check = isinstance(node, ast.FunctionDef) and node.name == "validity_check"
         if check or (isinstance(node, ast.ClassDef) and methods & DECISIONS):
             found.add(f"{module}:{node.name}")
     return found

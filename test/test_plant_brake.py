@@ -119,10 +119,8 @@ def test_pressure_does_not_depend_on_the_reading_times() -> None:
     assert brake is not None
     ways = np.full((k.PARTED_DISTANCE + 1, 1), 1200.0)
     changes = [(0.0, APPLIED, 200.0), (60.0, CHARGED, 36.0), (70.0, 530e3, 200.0)]
-    often, once = (PipePressure(brake, ways, (0,)) for _ in range(2))
-    for pressure in (often, once):
-        for time, final, wave in changes:
-            pressure.add(PressureChange(time, final, wave, 0, vents=False))
+    new = [PressureChange(*change, 0, vents=False) for change in changes]
+    often, once = (PipePressure(brake, ways, (0,), new.copy()) for _ in range(2))
     for time in np.arange(0.0, 100.0, 0.1):
         read = often.at(float(time))
     assert read == pytest.approx(once.at(99.9), abs=2.0)

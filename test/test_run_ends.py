@@ -461,10 +461,10 @@ def test_the_time_without_an_answer_leaves_out_suspensions(monkeypatch: pytest.M
         return tuple(round(value, 9) for value in found)
 
     clock[0] = 51.0
-    watch.hear()
+    watch.heard = clock[0]
     assert silence() == (0.0, 1.0, 1.0)
     clock[0] = 51.25
-    watch.hear(released=True)
+    watch.heard_release = clock[0]
     assert silence() == (0.25, 0.0, 0.25)
     watch.restart()
     watch.begin()

@@ -9,7 +9,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.control.component_fault import ComponentFailed, printable
-from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED, TrainModel
+from train_ato.control.train_model import RELEASE_FORCE, TrainModel, stands
 from train_ato.messages.types import Array
 from train_ato.program.errors import RunFailed
 
@@ -46,8 +46,8 @@ class CommandHold:
         self.in_a_row += 1
         self._reason, self._by_component = printable(reason), by_component
 
-    def check_limit(self) -> None:
-        """Fail the run at the limit.
+    def check_limit(self, cause: BaseException | None = None) -> None:
+        """Fail the run at the limit; ``cause`` is the error of a component.
 
         Raises
         ------
@@ -58,17 +58,8 @@ class CommandHold:
             seconds = self.in_a_row * self._period
             steps = f"in {self.in_a_row} consecutive steps ({seconds:g} s, hold_limit)"
             if self._by_component:
-                raise ComponentFailed(f"{self._reason}; the last command was repeated {steps}")
+                raise ComponentFailed(f"{self._reason}; the last command was repeated {steps}") from cause
             raise RunFailed(f"{self._reason} {steps}")
-
-
-@compiled
-def stands(velocity: Array) -> bool:
-    """Return True if all units are slower than :data:`STANDSTILL_SPEED`."""
-    fastest = 0.0
-    for v in velocity:
-        fastest = max(fastest, abs(v))
-    return fastest < STANDSTILL_SPEED
 
 
 @compiled

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import mean_over_units, plain_sum
+from plant_sim.elementary import mean_over_units
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
 from train_ato.messages.types import Array, Measurement
@@ -194,7 +194,9 @@ def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> 
             i.feedforward.item(u), i.disturbance.item(u), i.force_min.item(u), i.force_max.item(u),
             i.shoe_force.item(u),
         )  # fmt: skip
-    sensed = plain_sum(map(abs, i.coupler_force.tolist())) if i.coupler_force.size else 0.0
+    sensed = 0.0
+    for force in i.coupler_force.tolist():
+        sensed += abs(force)
     _pack_now(
         now, 0, i.t, i.acceleration_at_effect, i.jerk_at_effect, i.delay_to_effect, line_force, i.train_shoe_force,
         sensed,

@@ -12,11 +12,10 @@ import numpy as np
 
 from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
-from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill, stands
+from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.component_fault import (
-    ComponentFailed,
     fault_of_error,
     output_fault,
     printable,
@@ -38,6 +37,7 @@ from train_ato.control.takeover import (
     stretches,
     transition_jerk,
 )
+from train_ato.control.train_model import stands
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
 
@@ -84,6 +84,8 @@ class ControlStack:
     ----------
     law, compensation, policy, profile, rigid
         Parts of the stack, and forces of the rigid train along the profile.
+    last : list of float
+        Last command of every unit [N].
     in_flight : Array, shape (d, units)
         Commands sent and not yet in effect, one per tick, oldest first [N].
     pressure : float or None
@@ -102,8 +104,8 @@ class ControlStack:
         Newest plan of the law; None for a law without.
     fed : tuple of Array, shape (units,) each
         Feed-forward and estimated disturbance at the last step of the law [N].
-    holding : bool
-        The last step repeated the previous command, because the measurement or the output of the law was not valid.
+    hold : CommandHold
+        Steps that repeated the previous command, because the measurement or the output of the law was not valid.
 
     Raises
     ------
@@ -145,8 +147,8 @@ class ControlStack:
         self._jerk_limit, self._authority = jerk_limit, authority
         self.ticks = self.saturated_steps = 0
         self._swaps = self._invalid_measurements = self._invalid_estimates = 0
-        self._last = [0.0] * model.n_units
-        self._before = self._last
+        self.last: list[float] = [0.0] * model.n_units
+        self._before = self.last
         self._units = zeros(LawUnit, model.n_units)
         self._transition: LawTransition | None = None
         self._takes_over = self._joins = False
@@ -154,7 +156,7 @@ class ControlStack:
         self._braking: TakeoverRamp | None = None
         self.pressure: float | None = None
         self._shoes_act = self.law_brakes = self.saturated = False
-        self._hold = CommandHold(hold_limit, period)
+        self.hold = CommandHold(hold_limit, period)
         self._fault: BaseException | None = None
         self._fault_text = ""
         self._no_disturbance = np.zeros(model.n_units)
@@ -216,35 +218,25 @@ class ControlStack:
             jerk = transition_jerk(self.profile, self._jerk_limit)
             self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
-        self._last = sent.tolist()
+        self.last = sent.tolist()
         self.in_flight[-1:] = sent
         return sent
-
-    @property
-    def last(self) -> Array:
-        """Last command [N], shape (units,)."""
-        return np.array(self._last)
 
     @property
     def in_transition(self) -> bool:
         """True from a change of the law until its demand and the profile are reached."""
         return self._transition is not None or self._joined is not None
 
-    @property
-    def holding(self) -> bool:
-        """True if the last step of the law repeated the previous command."""
-        return self._hold.in_a_row > 0
-
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of the guards, and the diagnostics of the law under its name, as text."""
         return {
             "unsound_measurements": str(self._invalid_measurements),
             "unsound_estimates": str(self._invalid_estimates),
-            "held_steps": str(self._hold.total),
+            "held_steps": str(self.hold.total),
             "saturated_steps": str(self.saturated_steps),
             "swaps": str(self._swaps),
             **self._texts_of_law(),
-            **({} if self.plan is None else plan_to_text(self.plan, held=self.holding)),
+            **({} if self.plan is None else plan_to_text(self.plan, held=self.hold.in_a_row > 0)),
         }
 
     def _texts_of_law(self) -> dict[str, str]:
@@ -293,13 +285,11 @@ class ControlStack:
             If the last command was repeated for longer than ``hold_limit``; after a fault of the law or the
             compensation it is :class:`ComponentFailed`.
         """
-        try:
-            self._hold.check_limit()
-        except ComponentFailed as failure:
-            raise failure from self._fault
+        if self.hold.in_a_row:
+            self.hold.check_limit(self._fault)
         due = self.ticks % self.every == 0
         self.ticks += 1
-        self._before = self._last
+        self._before = self.last
         decided = False
         valid = is_valid_state(measurement)
         if not valid:
@@ -313,18 +303,18 @@ class ControlStack:
             )
             self.law_brakes = False
         if due and valid and reference is not None:
-            self._last = self._decide(measurement, reference, estimate)
+            self.last = self._decide(measurement, reference, estimate)
             if not getattr(self.law, "open_loop", False) and stands(measurement.velocity):
-                self._last = self._at_standstill(np.array(self._last), measurement, reference)
+                self.last = self._at_standstill(np.array(self.last), measurement, reference)
             decided = True
         elif due:
-            self._hold.hold("no valid reference" if valid else "no valid measurement of the power units")
+            self.hold.hold("no valid reference" if valid else "no valid measurement of the power units")
             getattr(self.law, "on_missed_sample", lambda: None)()
         if self._transition is not None:
-            self._last = self._in_transition(self._transition, measurement, decided=decided)
+            self.last = self._in_transition(self._transition, measurement, decided=decided)
         if decided and self._on_command_sent is not None:
-            self._on_command_sent(np.array(self._last))
-        force = np.array(self._last)
+            self._on_command_sent(np.array(self.last))
+        force = np.array(self.last)
         self.in_flight[:-1] = self.in_flight[1:]
         self.in_flight[-1:] = force
         return force, self.pressure
@@ -347,7 +337,7 @@ class ControlStack:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
         answered = self._answered(known, reference, estimate, low.copy(), high.copy())  # a law may write into them
         if answered is None:
-            return self._last
+            return self.last
         inputs, output = answered
         uses = getattr(self.law, "uses_feedforward", True)
         self.fed = inputs.feedforward if uses else self._no_disturbance, inputs.disturbance
@@ -355,9 +345,9 @@ class ControlStack:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:
             reason = f"law '{self._name}' repeated its last force ({output.held})"
-            self._hold.hold(reason, by_component=is_valid(inputs))
+            self.hold.hold(reason, by_component=is_valid(inputs))
         else:
-            self._hold.in_a_row = 0
+            self.hold.in_a_row = 0
         if self._air_brake and output.brake_pipe is not None:
             brake = self.model.consist.air_brake
             self.pressure = min(max(output.brake_pipe, 0.0), brake.charged)  # type: ignore[union-attr]
@@ -404,7 +394,7 @@ class ControlStack:
             except BaseException as error:  # a user-defined law may raise any
                 raise_if_interrupted(error)
                 self._fault, self._fault_text = error, fault_of_error(kind, name, error)
-        self._hold.hold(self._fault_text, by_component=True)
+        self.hold.hold(self._fault_text, by_component=True)
         return None
 
     def _on_joined_reference(self, inputs: LawInput) -> LawInput:
@@ -458,12 +448,12 @@ class ControlStack:
         A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
         """
         if decided:
-            self._last = self._before_corner(transition, measurement)
-        sent = transition.step(self._last if decided else None, self._before, self.every)
+            self.last = self._before_corner(transition, measurement)
+        sent = transition.step(self.last if decided else None, self._before, self.every)
         if transition.ended:
             self._transition = None
         elif decided:
-            self.saturated |= sent != self._last
+            self.saturated |= sent != self.last
         return sent
 
     def _before_corner(self, transition: LawTransition, measurement: Measurement) -> list[float]:
@@ -477,13 +467,13 @@ class ControlStack:
         t = measurement.stamp * 1e-9
         rests = self.profile.at(t)[1] == 0.0
         if not transition.is_bounded or (self._brakes_by_air() and not rests):
-            return self._last
+            return self.last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
         by_unit = getattr(self.law, "uses_feedforward", True)
         delays = model.delay if by_unit else np.full(model.n_units, dot_of(model.delay, model.share))
         effects = (t + 0.5 * self.period + model.tick * ticks + delays).ravel()
         required = self.rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
-        reach, demand = transition.reach(self.every), np.array(self._last)
+        reach, demand = transition.reach(self.every), np.array(self.last)
         least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)
         most = np.where(demand <= last - AGREED * reach, 0.0, np.inf)
         if transition.beyond is None:
@@ -519,6 +509,7 @@ class ControlStack:
             self._invalid_estimates += 1
         return self.compensation.step(
             CompensationInput(
+                measurement.stamp * 1e-9,
                 measurement,
                 reference,
                 disturbance,

@@ -82,6 +82,15 @@ def unit_limits(limits: Array, segments: NDArray[np.int64], velocity: float) -> 
 
 
 @compiled
+def stands(velocity: Array) -> bool:
+    """Return True if all units are slower than :data:`STANDSTILL_SPEED`."""
+    fastest = 0.0
+    for v in velocity:
+        fastest = max(fastest, abs(v))
+    return fastest < STANDSTILL_SPEED
+
+
+@compiled
 def limits_of_all(limits: Array, segments: NDArray[np.int64], velocity: Array) -> Array:
     """Return :func:`unit_limits` of all units [N], shape (2, units)."""
     found = np.empty((2, len(segments)))
@@ -194,6 +203,8 @@ class TrainModel:
     tables : tuple of Array
         Line force per mass [N/kg], line force on the whole train [N], and learned part of the force per mass [N/kg]
         (empty without one). They begin at the ``line_begin`` of the vehicles, with a value at every :data:`GRID`.
+    totals : array of float
+        The second of these tables, for single entries, see :class:`LineForceTable`.
     """
 
     def __init__(
@@ -239,14 +250,14 @@ class TrainModel:
         self.running: tuple[float, ...] = tuple(polynomials.sum(axis=0).tolist())
         table = line_force or LineForceTable(consist, line, over_length=over_length)
         self._begin = table.begin
-        self.tables, self._total = (table.specific, table.total, np.zeros(0)), table.totals
+        self.tables, self.totals = (table.specific, table.total, np.zeros(0)), table.totals
         self.learned = learned
         if learned is not None:
             more = self.inertia * learned.at(
                 np.asarray(table.begin + GRID * np.arange(table.total.size), dtype=np.float64)
             )
-            self._total = array("d", (table.total + more).tobytes())
-            self.tables = (table.specific, np.frombuffer(self._total), more / self.mass)
+            self.totals = array("d", (table.total + more).tobytes())
+            self.tables = (table.specific, np.frombuffer(self.totals), more / self.mass)
         self._table = table
         self.vehicles = zeros(UnitVehicle, self.n_units)
         for i, (unit, offset) in enumerate(zip(self.units, self.offsets.tolist(), strict=True)):
@@ -287,7 +298,7 @@ class TrainModel:
 
     def line_force(self, position: float) -> float:
         """Return grade, curve, tunnel and learned force on the train [N], > 0 resists, for vehicle 0's centre there."""
-        return float(between_entries(self._total, (position - self._begin) / GRID))
+        return float(between_entries(self.totals, (position - self._begin) / GRID))
 
     def line_forces(self, position: Array) -> Array:
         """Return :meth:`line_force` at many positions [N], equal to it bit for bit."""
@@ -326,7 +337,7 @@ class TrainModel:
         """The same model without the learned resistance."""
         bare = copy.copy(self)
         bare.learned = None
-        bare.tables, bare._total = (self._table.specific, self._table.total, np.zeros(0)), self._table.totals
+        bare.tables, bare.totals = (self._table.specific, self._table.total, np.zeros(0)), self._table.totals
         return bare
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:

@@ -107,7 +107,7 @@ def _at_ticks(
 
 def _of_reference(place: int) -> _kept[Array]:
     """Return a property of a recording for position, speed or acceleration of the reference."""
-    return _kept(lambda recording: recording._reference(place))
+    return _kept(lambda recording: recording.reference(place))
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class Recording:
                 since = min(since, report.stamp * 1e-9) if lost else math.inf
         return sent & (self.time < since)
 
-    def _reference(self, place: int) -> Array:
+    def reference(self, place: int) -> Array:
         """Return position, speed or acceleration of the reference at every tick, shape (k,)."""
         found, name = self.topics.get(REFERENCE), ("position", "velocity", "acceleration")[place]
         if found is None:

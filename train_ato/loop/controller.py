@@ -7,16 +7,18 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from train_ato.control.assurance import BRAKING_LAW
-from train_ato.control.command_hold import stands
 from train_ato.control.component_fault import ComponentFailed, unless_raised
 from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_jerk
+from train_ato.control.train_model import stands
 from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due
+from train_ato.loop.stage_messages import ControllerMessages
 from train_ato.loop.train_ahead import AuthorityAhead
 from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
@@ -107,7 +109,7 @@ class ControllerStage:
         self._given: Changes = {}
         self.asked: Changes = {}
         self.inputs = StageInputs(setup, self.role)
-        self.inputs.check("ato/reference", self._reference_problem)
+        self.inputs.ends["ato/reference"].check = self._reference_problem
         links, step, seed = setup.links, setup.step_ns, setup.seed
         self._measurement_link = MessageLink(links.measurement, step, seed, "measurement")
         self._reference_link = MessageLink(links.reference, step, seed, "reference")
@@ -167,9 +169,8 @@ class ControllerStage:
         self.ato.fail(stamp, " ".join(str(failure).split()))
         if isinstance(failure, ComponentFailed):
             self.error = failure
-            self.takeover = TakeoverRamp(
-                self.setup.model, transition_jerk(self.profile, self._jerk_limit), self.stack.last
-            )
+            jerk = transition_jerk(self.profile, self._jerk_limit)
+            self.takeover = TakeoverRamp(self.setup.model, jerk, np.array(self.stack.last))
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
@@ -293,11 +294,12 @@ class ControllerStage:
         assert self.stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
-        receive = self.inputs.receive
+        ends = self.inputs.ends
         if self.authority is not None:
             self.authority.receiver.hear(ahead)
         seen = self.inputs.measurement(measurement)
-        expected, disturbance = receive("ato/reference", stamp, reference), receive("ato/estimate", stamp, estimate)
+        expected = ends["ato/reference"].receive(stamp, reference)
+        disturbance = ends["ato/estimate"].receive(stamp, estimate)
         answer = self.answer
         received = self._passed_on(stamp, seen, expected, disturbance) if answer is None else answer.received
         self.ato.begin_step()
@@ -308,7 +310,8 @@ class ControllerStage:
             self.takeover = TakeoverRamp(self.setup.model, transition_jerk(self.profile, self._jerk_limit))
             self.outage = ""
         if protection is not None and speeds is not None:
-            state, limits = receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
+            state = ends["train/protection"].receive(stamp, protection)
+            limits = ends["atp/speeds"].receive(stamp, speeds)
             report = self.ato.update(received.measurement, state, limits)
             received = received._replace(report=report, protection=state, speeds=limits)
         self.ato.changed |= resumed
@@ -415,8 +418,8 @@ class ControllerStage:
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
-        noted = self.inputs.take_changed() or bool(self.changed) or self.ato.changed
-        if self.stack is None or not (noted or diagnostics_due(stamp, self.setup.tick_ns) or self.stack.holding):
+        due = self.inputs.report_due(stamp) or bool(self.changed) or self.ato.changed
+        if self.stack is None or not (due or self.stack.hold.in_a_row):
             return None
         values = {
             "controller": self.controller,
@@ -437,6 +440,6 @@ class ControllerStage:
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
         if self.ato.assured:
             return Diagnostic(stamp, "controller", 1, BRAKING_LAW, values)
-        if self.stack.holding:
+        if self.stack.hold.in_a_row:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

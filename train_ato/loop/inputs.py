@@ -1,10 +1,10 @@
 """Receiving ends of a stage: its topics with their faults and age limits."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from train_ato.loop.stage_messages import without_values
+from train_ato.loop.stage_messages import SECOND_NS, without_values
 from train_ato.messages.faults import FAULT_TOPICS, NEVER, MessageFault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, Role
@@ -16,7 +16,7 @@ KEY = "faults"
 
 
 class StageInputs:
-    """Receiving ends of a stage by topic.
+    """Receiving ends of a stage.
 
     Parameters
     ----------
@@ -24,6 +24,11 @@ class StageInputs:
         Prepared run; with supervision invalid and old messages are refused.
     role
         Node of the stage.
+
+    Attributes
+    ----------
+    ends : dict
+        Receiving ends of the topics of the loop that the run has.
     """
 
     def __init__(self, setup: RunSetup, role: Role) -> None:
@@ -39,35 +44,23 @@ class StageInputs:
             "train/odometry": 0.0,
         }
         faults = message_faults(setup.scenario.faults)
-        self._supervised = setup.layout.supervised
-        self._receivers = {
+        self._period_ns = setup.tick_ns * (setup.supervision_ticks if role is Role.SUPERVISOR else 1)
+        self.ends = {
             name: Receiver(
                 BY_NAME[name],
                 role,
                 faults,
                 setup.seed,
-                checked=self._supervised,
+                checked=setup.layout.supervised,
                 max_age=round(ages[name] * 1e9) if name in ages else None,
             )
             for name, readers in FAULT_TOPICS.items()
             if role.value in readers and BY_NAME[name].exists(setup.layout)
         }
 
-    def receive(self, topic: str, now: int, message: Any) -> Any:
-        """Return the newest valid message of a topic at a time [ns]; None without one.
-
-        A topic that the run does not have has no faults.
-        """
-        receiver = self._receivers.get(topic)
-        return message if receiver is None else receiver.receive(now, message)
-
-    def fresh(self, topic: str) -> bool:
-        """Return True if the last call for a topic accepted a new message."""
-        return topic in self._receivers and self._receivers[topic].fresh
-
     def measurement(self, sent: Measurement) -> Measurement:
         """Return the newest valid measurement with the stamp of the sent one, with NaN as values if there is none."""
-        found: Measurement | None = self.receive("train/measurement", sent.stamp, sent)
+        found: Measurement | None = self.ends["train/measurement"].receive(sent.stamp, sent)
         return without_values(sent) if found is None else found
 
     def add(self, fault: MessageFault) -> None:
@@ -78,42 +71,41 @@ class StageInputs:
         ValueError
             If the run has no such topic.
         """
-        if fault.topic not in self._receivers:
-            raise ValueError(f"{fault.topic}: this run has no such topic; use one of {', '.join(self._receivers)}")
-        self._receivers[fault.topic].add(fault)
-
-    def check(self, topic: str, check: Callable[[Any], str]) -> None:
-        """Set the check of a topic by the stage; it returns the problem of a message as text."""
-        self._receivers[topic].check = check
+        if fault.topic not in self.ends:
+            raise ValueError(f"{fault.topic}: this run has no such topic; use one of {', '.join(self.ends)}")
+        self.ends[fault.topic].add(fault)
 
     def is_regular(self, now: int) -> bool:
         """Return True if all valid messages are received as they are sent, from a time [ns] to the next fault."""
-        return all(receiver.is_regular(now) for receiver in self._receivers.values())
+        return all(end.is_regular(now) for end in self.ends.values())
 
     def next_fault(self, now: int) -> int:
         """Return the begin of the next fault after a time [ns]."""
-        return min((receiver.next_fault(now) for receiver in self._receivers.values()), default=NEVER)
+        return min((end.next_fault(now) for end in self.ends.values()), default=NEVER)
 
     def accept(self, topic: str, count: int, messages: Sequence[Any]) -> None:
         """Take valid messages of a topic: their number, and the last two or the only one."""
-        if topic in self._receivers and count:
-            self._receivers[topic].accept(count, messages)
+        if topic in self.ends and count:
+            self.ends[topic].accept(count, messages)
 
-    def take_changed(self) -> bool:
-        """Return True once after the begin or end of a fault, and after a refusal for a new reason."""
-        changed = False
-        for receiver in self._receivers.values():
-            changed |= receiver.changed
-            receiver.changed = False
-        return changed
+    def report_due(self, stamp: int) -> bool:
+        """Return True for a stamp [ns] with diagnostics: the first of a second, and one with a change of a receiver.
+
+        A change is the begin or end of a fault, and a refusal for a new reason; it is returned once.
+        """
+        due = stamp % SECOND_NS < self._period_ns
+        for end in self.ends.values():
+            due |= end.changed
+            end.changed = False
+        return due
 
     def diagnostics(self) -> dict[str, str]:
         """Return faults and counts as text; empty in a run without missed and refused messages."""
         values: dict[str, str] = {}
-        faulty = [receiver for receiver in self._receivers.values() if not receiver.is_faultless]
-        acting = [text for receiver in faulty for text in receiver.acting]
+        faulty = [end for end in self.ends.values() if not end.is_faultless]
+        acting = [text for end in faulty for text in end.acting]
         if acting:
             values[KEY] = json.dumps(acting)
-        for receiver in faulty:
-            values |= receiver.diagnostics()
+        for end in faulty:
+            values |= end.diagnostics()
         return values

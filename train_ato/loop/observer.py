@@ -15,7 +15,7 @@ from train_ato.control.component_fault import (
 from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due
+from train_ato.loop.stage_messages import ObserverMessages
 from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement
@@ -89,10 +89,7 @@ class ObserverStage:
         stamp, answer, self.answer = measurement.stamp, self.answer, None
         given = self.inputs.measurement(measurement)
         estimate: DisturbanceEstimate = self.step(stamp, given) if answer is None else unless_raised(answer)
-        report = None
-        if self.inputs.take_changed() or diagnostics_due(stamp, self.setup.tick_ns):
-            report = self.diagnostic(stamp)
-        return ObserverMessages(estimate, report)
+        return ObserverMessages(estimate, self.diagnostic(stamp) if self.inputs.report_due(stamp) else None)
 
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the observer at a stamp [ns]."""

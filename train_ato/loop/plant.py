@@ -6,6 +6,7 @@ Interventions on the train during a run: planned ones, requests, and their effec
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +18,12 @@ from plant_sim.traction import FullServiceBrake
 from plant_sim.train import Train
 from train_ato.judge.recording import LOST_KEY
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
+from train_ato.loop.stage_messages import PlantMessages, PlantTruth
 from train_ato.loop.train_ahead import ReportRadio, ReportSender
 from train_ato.loop.train_protection import TrainProtection
 from train_ato.messages.delay_lines import DelayJump, Link, LinkSpec
 from train_ato.messages.faults import DropFault, FreezeFault
+from train_ato.messages.receiver import AliveCheck
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
@@ -36,7 +38,6 @@ from train_ato.messages.types import (
     Tick,
     VehicleStates,
 )
-from train_ato.messages.validity import AliveCheck
 from train_ato.scenario.interventions import (
     KEY,
     DelayJumpNow,
@@ -207,7 +208,7 @@ class PlantStage:
         self.inputs = StageInputs(setup, self.role)
         self.alive_check = AliveCheck()
         if setup.layout.supervised:
-            self.inputs.check("atp/brake_release", self.alive_check.problem)
+            self.inputs.ends["atp/brake_release"].check = self.alive_check.problem
         self.lost = ""
         self.restarts: dict[str, int] = {}
         self.outage_changed = False
@@ -252,7 +253,7 @@ class PlantStage:
         self.reported = self.protection.level
         changed |= self.outage_changed
         self.outage_changed = False
-        reported = self.inputs.take_changed() or taken or changed or diagnostics_due(stamp, self._tick_ns)
+        reported = self.inputs.report_due(stamp) or taken or changed
         truth = self._truth(stamp, seen, self.diagnostic(taken) if reported else None)
         report = None if self.reports is None or odometry is None else self.reports.message(odometry)
         ahead = None if self.radio is None or odometry is None else self.radio.newest(stamp)
@@ -301,17 +302,18 @@ class PlantStage:
 
     def _receive(self, command: Command | None, pipe: Pipe | None, release: BrakeRelease | None) -> float | None:
         """Take the messages of this tick; return the pressure demanded at the head [Pa], None for the present one."""
-        stamp, inputs = self.stamp, self.inputs
-        released = inputs.receive("atp/brake_release", stamp, release)
-        if inputs.fresh("atp/brake_release"):
-            self.protection.on_release(released, stamp)
-        forces = inputs.receive("ato/command", stamp, command)
-        pressure = inputs.receive("ato/brake_pipe_command", stamp, pipe)
-        if inputs.fresh("ato/command"):
+        stamp, ends, layout = self.stamp, self.inputs.ends, self.setup.layout
+        if layout.supervised:
+            released = ends["atp/brake_release"].receive(stamp, release)
+            if ends["atp/brake_release"].fresh:
+                self.protection.on_release(released, stamp)
+        forces = ends["ato/command"].receive(stamp, command)
+        pressure: Any = ends["ato/brake_pipe_command"].receive(stamp, pipe) if layout.air_brake else None
+        if ends["ato/command"].fresh:
             self.link.push(stamp, forces.force)
-            piped = forces.stamp if not self.setup.layout.air_brake else 0 if pressure is None else pressure.stamp
+            piped = forces.stamp if not layout.air_brake else 0 if pressure is None else pressure.stamp
             self.protection.on_command(min(forces.stamp, piped), stamp)
-        if not inputs.fresh("ato/brake_pipe_command"):
+        if not (layout.air_brake and ends["ato/brake_pipe_command"].fresh):
             return None
         if self.pipe_link is None:
             return float(pressure.pressure)

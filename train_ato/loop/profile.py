@@ -9,7 +9,7 @@ import numpy as np
 from train_ato.control.guard import is_valid_state
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
+from train_ato.loop.stage_messages import ProfileMessages, ProfileStart
 from train_ato.messages.delay_lines import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import AtoReport, AtoState, Diagnostic, Measurement, Reference, TrainAhead
@@ -97,7 +97,7 @@ class ProfileStage:
         """
         stamp = measurement.stamp
         arrived = self.inputs.measurement(measurement)
-        report = None if ato is None else self.inputs.receive("ato/state", stamp, ato)
+        report = None if ato is None else self.inputs.ends["ato/state"].receive(stamp, ato)
         decided, self.joins = self.joins, False
         if decided:  # the profile of the scenario is sent again, as that of the first reference
             self.planned, self._sent_again = stamp, True
@@ -113,11 +113,10 @@ class ProfileStage:
                 self._counts = self._replanner.replans, self._replanner.refusals
             if decision.profile is not None:
                 self.profile, self.planned = decision.profile, stamp
-        reported = self.inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             Reference(stamp, *self.profile.at(stamp * 1e-9)[:3], self.planned),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
-            self.diagnostic(stamp) if reported else None,
+            self.diagnostic(stamp) if self.inputs.report_due(stamp) or decided else None,
         )
 
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport) -> bool:

@@ -16,7 +16,7 @@ from train_ato.control.law_call import LEFT, LawCall
 from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.forecast import SpanForecast
 from train_ato.loop.span_messages import SpanArrays
-from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Measurement, Reference
 
@@ -137,7 +137,7 @@ class PythonLaw(PythonCall):
         self.units["wanted"] = force
         if self._reported or self._stack.plan is not None:
             tick_ns = self._controller.setup.tick_ns
-            self._report(tick, due=diagnostics_due(self._stamp + tick * tick_ns, tick_ns))
+            self._report(tick, due=(self._stamp + tick * tick_ns) % SECOND_NS < tick_ns)
         return True
 
     def _law_input(self, tick: int) -> LawInput:

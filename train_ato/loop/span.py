@@ -120,12 +120,12 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack)
         return False
     if plant.pipe_link is not None and not plant.pipe_link.delivers_only(stack.pressure):
         return False
-    return not (isinstance(pipe, PipeEvents) and (stack.pressure != pipe.pressure or pipe._vented))
+    return not (isinstance(pipe, PipeEvents) and (stack.pressure != pipe.pressure or pipe.vented))
 
 
 def is_in_state(stages: Stages, stack: ControlStack) -> bool:
     """Return True in a state of the control stack or of the observer in which the stack is called as a whole."""
-    if stack.holding or stack.law_brakes or stack.in_transition:
+    if stack.hold.in_a_row or stack.law_brakes or stack.in_transition:
         return True
     own = stages.observer.stack
     if isinstance(own.observer, RecordObserver):
@@ -423,7 +423,7 @@ class Span:
             np.zeros((count, units)),
             stack.pressure,
         )
-        self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack.saturated_steps
+        self.arrays.sent[0], self.arrays.at_limit[0] = stack.last, stack.saturated_steps
         self._inputs, self._now = law.units, zeros(LawNow, 1)
         self._policy: Any = stack.policy
         times = np.array(self._forecast.times)
@@ -525,7 +525,7 @@ class Span:
             observer.policy.state[:] = law.policy_state if isinstance(law, PythonStack) else self._policy.state
         if not law.whole:
             stack.ticks += done
-            stack._last = out.sent[done].tolist()
+            stack.last = out.sent[done].tolist()
             stack.saturated_steps = int(out.at_limit[done])
             stack.saturated = bool(self.counts["at_limit"][0])
         if self._plant.pipe_link is not None and out.pressure is not None:

@@ -45,7 +45,7 @@ from train_ato.messages.types import (
     SupervisedSpeeds,
 )
 from train_ato.supervision.step_function import SupervisionSpeeds
-from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
+from train_ato.supervision.supervisor import SupervisionDecision
 
 ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
 
@@ -177,13 +177,13 @@ class SupervisionMessages:
         stage.inputs.accept(ODOMETRY, count, [step.odometry for step in last])
         assert stage.count is not None
         stage.count += count
-        stage.reported = SupervisionState(self._steps["state"][-1])
+        stage.reported = int(self._steps["state"][-1])
         return last[-1].ato
 
     def _diagnostics(self, numbers: Sequence[str]) -> list[RepeatedReport]:
         """Return the diagnostics, once a second and after a change of state, with some numbers by key."""
         states = self._steps["state"]
-        changed = np.diff(states, prepend=int(self._stage.reported)) != 0
+        changed = np.diff(states, prepend=self._stage.reported) != 0
         steps = np.flatnonzero(changed | (self._stamps % SECOND_NS < self._period)).tolist()
         texts, found = self._steps[TEXTS].tolist(), []
         for _, group in groupby(steps, key=texts.__getitem__ if self._stage.authority is None else None):
@@ -396,9 +396,7 @@ class SpanMessages:
             if self._arrays.cubes.shape[2]:
                 mean = np.add.reduce(self._arrays.outside[index, :2], axis=1) / train.substeps
             outside.mean = mean
-            speed = train.arrays.state[k.V] if index + 1 == self._done else self._arrays.truth[index + 1, 1]
-            force, per_speed = mean
-            train._outside_force[outside.vehicles] = force + per_speed * speed[outside.vehicles]
+            train.keep_outside(train.arrays.state[k.V] if index + 1 == self._done else self._arrays.truth[index + 1, 1])
         return published
 
     @cached_property

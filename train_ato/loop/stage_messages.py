@@ -28,6 +28,7 @@ from train_ato.messages.types import (
 )
 
 SECOND_NS = 1_000_000_000
+"""Period of the diagnostics [ns]: every node sends them at the first stamp of a simulated second."""
 
 Published = list[tuple[str, Any]]
 """Topic names and messages in the order of publication."""
@@ -153,8 +154,3 @@ def without_values(measurement: Measurement) -> Measurement:
     """Return a measurement with NaN as values, in place of one that did not arrive."""
     names = [entry.name for entry in fields(measurement) if entry.name != "stamp"]
     return replace(measurement, **{name: np.full_like(getattr(measurement, name), np.nan) for name in names})
-
-
-def diagnostics_due(stamp: int, tick_ns: int) -> bool:
-    """Return True once a second: at the first stamp [ns] of every simulated second."""
-    return stamp % SECOND_NS < tick_ns

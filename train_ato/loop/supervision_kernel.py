@@ -109,12 +109,12 @@ def supervised_tick(
     arrays
         Records of the supervision.
     """
-    run, own, odometers = arrays.states.run[0], arrays.states.supervisor[0], arrays.states.odometers[0]
+    run, own, odometers = arrays.states.run[0], arrays.states.supervisor[0], arrays.states.odometers
     count_distance(odometers, arrays.slips, stamp, x_front + run.half)
     if stamp % run.period != 0:
         return True
     reading = arrays.readings[run.steps]
-    read_odometers(odometers, arrays.slips, stamp, v_front, reading)
+    read_odometers(odometers, arrays.slips, stamp, v_front, arrays.readings[run.steps :])
     if not (abs(v_front) < MAX_SPEED and abs(x_front) < MAX_POSITION):
         return False
     if run.steps >= arrays.rows.size or odometry_problem(reading, arrays.states.last[0]) != PLAUSIBLE:

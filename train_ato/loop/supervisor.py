@@ -3,7 +3,7 @@
 import numpy as np
 
 from train_ato.loop.inputs import StageInputs
-from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
+from train_ato.loop.stage_messages import SupervisorMessages
 from train_ato.loop.train_ahead import MovingAuthority
 from train_ato.messages.topics import Role
 from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds, TrainAhead
@@ -31,13 +31,13 @@ class SupervisorStage:
         self.setup = setup
         self.inputs = StageInputs(setup, self.role)
         self.odometry_check = OdometryCheck()
-        self.inputs.check("train/odometry", self.odometry_check.problem)
+        self.inputs.ends["train/odometry"].check = self.odometry_check.problem
         self.supervisor = setup.supervisor()
         leader = setup.scenario.leader
         moves = leader is not None and leader.authority is not None
         self.authority = MovingAuthority(setup, self.supervisor.track) if moves else None
         self._period_ns = setup.supervision_ticks * setup.tick_ns
-        self.reported = SupervisionState.NORMAL
+        self.reported: int = SupervisionState.NORMAL
         self.count: int | None = None
 
     def join(self) -> None:
@@ -53,11 +53,10 @@ class SupervisorStage:
         if self.authority is not None:
             self.authority.receiver.hear(ahead)
             self.authority.move(stamp)
-        decision = self.supervisor.step(self.inputs.receive("train/odometry", stamp, odometry))
+        decision = self.supervisor.step(self.inputs.ends["train/odometry"].receive(stamp, odometry))
         own = decision.own
-        changed = self.inputs.take_changed() or own.state != self.reported
-        if changed:
-            self.reported = decision.state
+        reported = self.inputs.report_due(stamp) or own.state != self.reported
+        self.reported = own.state
         # after a restart of the node the alive counter goes on as if it had never stopped
         self.count = stamp // self._period_ns if self.count is None else self.count + 1
         alive, foremost = float(self.count), own.front + own.position_error
@@ -68,7 +67,7 @@ class SupervisorStage:
                 np.array([own.front, foremost, foremost, foremost, foremost]),
                 np.array([own.speed, *decision.speeds]),
             ),
-            self.diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
+            self.diagnostic(stamp, decision) if reported else None,
         )
 
     def diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:

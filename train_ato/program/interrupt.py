@@ -119,15 +119,25 @@ class StepLimit:
 
     def __enter__(self) -> None:
         self._until[get_ident()] = monotonic() + STEP_LIMIT_S
-        if StepLimit._watch is None:
-            StepLimit._watch = threading.Thread(target=self._look, name="step limit", daemon=True)
-            StepLimit._watch.start()
-        if not StepLimit._handled and threading.current_thread() is threading.main_thread():
-            StepLimit._handled = True
-            signal.signal(signal.SIGURG, self._end)
+        self._begin_watch()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._until.pop(get_ident(), None)
+
+    @classmethod
+    def _begin_watch(cls) -> None:
+        """Start the thread, and handle its signal, each once."""
+        if cls._watch is None:
+            cls._watch = threading.Thread(target=cls._look, name="step limit", daemon=True)
+            cls._watch.start()
+        if not cls._handled and threading.current_thread() is threading.main_thread():
+            cls._handled = True
+            signal.signal(signal.SIGURG, cls._end)
+
+    @classmethod
+    def forget_watch(cls) -> None:
+        """Start the thread again at the next step: no thread lives on after a fork."""
+        cls._watch = None
 
     @classmethod
     def _end(cls, number: int, frame: FrameType | None) -> None:
@@ -154,11 +164,7 @@ class StepLimit:
                     ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TimedOut))
 
 
-def _forget_watch() -> None:
-    StepLimit._watch = None
-
-
-os.register_at_fork(after_in_child=_forget_watch)  # no thread lives on after a fork
+os.register_at_fork(after_in_child=StepLimit.forget_watch)
 
 
 class Interrupt:

@@ -16,9 +16,9 @@ import numpy as np
 from train_ato.control.registry import REGISTRIES
 from train_ato.loop.engine import TickLoop
 from train_ato.loop.stage_messages import Published
+from train_ato.messages.receiver import validity_check
 from train_ato.messages.topics import TOPICS
 from train_ato.messages.types import Array
-from train_ato.messages.validity import validity_check
 from train_ato.scenario.setup import RunSetup
 
 

@@ -17,7 +17,7 @@ from train_ato.judge.metrics import differences, summarise
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult, identity
 from train_ato.loop.engine import Sink
-from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.types import Array, Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile, limits_of, trajectory_of
@@ -405,7 +405,7 @@ def write_messages(
         sink.add("/clock", Tick(stamp), stamp)
         if series.pressure is not None:
             sink.add("train/brake_pipe", Pipe(stamp, float(series.pressure[tick])), stamp)
-        if diagnostics_due(stamp, setup.tick_ns):
+        if stamp % SECOND_NS < setup.tick_ns:
             sink.add("/diagnostics", _plant_diagnostics(series, tick, stamp), stamp)
         sink.add("train/measurement", Measurement(stamp, *state, none, none, none), stamp)
         sink.add("ato/reference", _reference(setup, series, tick, stamp), stamp)

@@ -29,6 +29,8 @@ class ShoeForecast:
 
     Attributes
     ----------
+    forecast : BrakeForecast or None
+        Forecast of the brake events; None without an air brake.
     idle : bool
         True if all forces are 0: no air brake, or no event that acts or propagates.
     """
@@ -42,22 +44,22 @@ class ShoeForecast:
 
     def reset(self) -> None:
         """Clear all events: brake released."""
-        self._forecast = BrakeForecast(self._consist) if self.fitted else None
+        self.forecast = BrakeForecast(self._consist) if self.fitted else None
         self._calls = 0
         self.pressure: float | None = None
         self.idle = True
 
     def demand(self, t: float, pressure: float | None) -> None:
         """Add the pressure demanded from a time on [s, Pa]; None without an air brake."""
-        if self._forecast is None or pressure is None:
+        if self.forecast is None or pressure is None:
             return
         if pressure != self.pressure:
-            self._forecast.demand(t, pressure)
-            self.pressure, self.idle = pressure, self._forecast.idle
+            self.forecast.demand(t, pressure)
+            self.pressure, self.idle = pressure, self.forecast.idle
         self._calls += 1
         if self._calls % COMMIT_EVERY == 0 and not self.idle:
-            self._forecast.commit(t)
-            self.idle = self._forecast.idle
+            self.forecast.commit(t)
+            self.idle = self.forecast.idle
 
     def skip(self, calls: int) -> None:
         """Count calls of :meth:`demand` with the present pressure that do not reach the next restart."""
@@ -70,25 +72,25 @@ class ShoeForecast:
     def at_each(self, times: Array, velocity: Array) -> Array:
         """Return :meth:`at` for many times [s] and speeds [m/s]: totals, then units, shape (times, 1 + units)."""
         found = np.zeros((len(times), 1 + len(self.units)))
-        if self._forecast is not None and not self.idle:
-            forces = self._forecast.forces_at(times, velocity[:, None])
+        if self.forecast is not None and not self.idle:
+            forces = self.forecast.forces_at(times, velocity[:, None])
             found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self.units]
         return found
 
     def slow_forces_at(self, times: Array) -> Array:
         """Return the forces of all vehicles at standstill for many times [s], shape (times, vehicles)."""
-        assert self._forecast is not None
-        return self._forecast.slow_forces_at(times)
+        assert self.forecast is not None
+        return self.forecast.slow_forces_at(times)
 
     def copy(self) -> ShoeForecast:
         """Return a forecast with the same events."""
         other = copy.copy(self)
-        other._forecast = copy.copy(self._forecast)  # its steps replace arrays and lists, they do not change them
+        other.forecast = copy.copy(self.forecast)  # its steps replace arrays and lists, they do not change them
         return other
 
     def at(self, t: float, velocity: float) -> ShoeForces:
         """Return the forces at a time [s], not before the last demand, and a speed of the train [m/s]."""
-        if self._forecast is None or self.idle:
+        if self.forecast is None or self.idle:
             return self._none
-        forces = self._forecast.forces(t, velocity)
+        forces = self.forecast.forces(t, velocity)
         return ShoeForces(float(forces.sum()), forces[self.units])

@@ -25,6 +25,8 @@ class AnswerWatch:
     ----------
     suspended : float
         Longest suspension [s].
+    heard, heard_release : float
+        Wall time of the last command, or message of the recorder, and of the last brake release [s].
     """
 
     def __init__(self) -> None:
@@ -38,32 +40,25 @@ class AnswerWatch:
 
     def restart(self) -> None:
         """Count from the present time: before it no answer was due."""
-        self._heard = self._heard_release = time.monotonic()
-
-    def hear(self, *, released: bool = False) -> None:
-        """Note a command, or a message of the recorder; with ``released`` a brake release."""
-        if released:
-            self._heard_release = time.monotonic()
-        else:
-            self._heard = time.monotonic()
+        self.heard = self.heard_release = time.monotonic()
 
     def check(self) -> None:
         """Count a suspension since the last check as one period: answers sent meanwhile can still be read."""
         gap = time.monotonic() - self._checked
         self._checked += gap
         if gap > SUSPENDED_S:
-            self._heard += gap - CHECK_S
-            self._heard_release += gap - CHECK_S
+            self.heard += gap - CHECK_S
+            self.heard_release += gap - CHECK_S
             self.suspended = max(self.suspended, gap)
 
     def silent_for(self, *, released: bool) -> float:
         """Return the time since the last command, with ``released`` since the older one of command and release [s]."""
-        heard = min(self._heard, self._heard_release) if released else self._heard
+        heard = min(self.heard, self.heard_release) if released else self.heard
         return time.monotonic() - heard
 
     def release_silent_for(self) -> float:
         """Return the time since the last brake release [s]."""
-        return time.monotonic() - self._heard_release
+        return time.monotonic() - self.heard_release
 
 
 def silent_node(last: Mapping[Role, int], stamp: int, *, blocked: bool, supervised: int = -1) -> Role:
@@ -138,16 +133,15 @@ class TickLateness:
         self._unreported: list[int] = []
 
     def begin(self, period: float) -> None:
-        """Note the begin of a tick, due a period after the last one [s]; a period of 0 has no due time."""
+        """Note the begin of a tick, due a period after the last one [s]."""
         now = time.monotonic_ns()
-        if self._last is not None and period > 0:
+        if self._last is not None:
             step = (now - self._last) * 1e-9
             self._wall, self._planned = self._wall + step, self._planned + period
             self._lateness.append(step - period)
             self.late += step > LATE * period
         self._last = now
-        if period > 0:
-            self._unreported.append(time.time_ns())
+        self._unreported.append(time.time_ns())
 
     def restart(self) -> None:
         """Begin again after a pause or a change of the rate, which is no lateness."""

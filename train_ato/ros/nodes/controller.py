@@ -14,7 +14,6 @@ from std_srvs.srv import Trigger
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.controller import ControllerStage
-from train_ato.loop.stage_messages import diagnostics_due
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.topics import AHEAD, FORCE_PARTS, Role
 from train_ato.profile.profile import profile_of
@@ -126,7 +125,7 @@ class ControllerNode:
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish(*messages.published())
-            if diagnostics_due(messages.command.stamp, self.stage.setup.tick_ns):  # a look for a reader once a second
+            if messages.diagnostics is not None:  # a look for a reader at least once a second
                 self._heard = self.endpoints.readers(FORCE_PARTS) > 0
             if self._heard and (parts := self.stage.force_parts(messages.command)) is not None:
                 self.endpoints.publish((FORCE_PARTS, parts))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -99,7 +100,7 @@ class OutsidePlant:
         heard = self.sent_stamp, self._recorder.last_stamp_of(Role.CONTROLLER)
         if heard != self._heard:
             self._heard = heard
-            self._watch.hear()
+            self._watch.heard = time.monotonic()
         return not self.finished and self._watch.silent_for(released=False) > self._timeout
 
     def lose_departed(self, gone: Sequence[Role]) -> None:

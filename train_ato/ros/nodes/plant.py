@@ -346,6 +346,7 @@ class PlantNode:
             self.stage.report_outage("", returned)
             if self._lockstep_rate is not None:
                 self._rate.change(self._lockstep_rate)
+                self._lateness.restart()  # ticks without a due time may follow
                 self._period = self._lockstep_rate = self.answers.pipe = None
                 self._timer.cancel()
 
@@ -370,8 +371,10 @@ class PlantNode:
             if text := self.answers.refusal(answer, self.sent_stamp):
                 self.endpoints.note(text)
             return
-        if commands or isinstance(answer, BrakeRelease):
-            self.answer_watch.hear(released=not commands)
+        if commands:
+            self.answer_watch.heard = time.monotonic()
+        elif isinstance(answer, BrakeRelease):
+            self.answer_watch.heard_release = time.monotonic()
         if lockstep and (answers := self.answers.use(stamp)) is not None:
             self._waiting = False
             self.stage.act(*answers)
@@ -395,9 +398,10 @@ class PlantNode:
                 self._lateness.restart()  # a step in a pause has no due time
             self._waiting = True
             self.sent_stamp = self.stage.stamp
-            factor = self._rate.factor
-            paced = self._period * 1e-9 if self._period is not None else self.stage.setup.tick / factor if factor else 0
-            self._lateness.begin(paced)
+            if self._period is not None:
+                self._lateness.begin(self._period * 1e-9)
+            elif self._rate.factor:
+                self._lateness.begin(self.stage.setup.tick / self._rate.factor)
             self._send(self.stage.observe().published())
 
     def _conclude(self) -> None:
@@ -484,7 +488,7 @@ class PlantNode:
             return
         self._acknowledged = acknowledged
         if self.blocked:
-            self.answer_watch.hear()
+            self.answer_watch.heard = time.monotonic()
             self.blocked = False
             self._next()
 
