@@ -390,25 +390,20 @@ class BrakeEvents:
     def _start(self, time: float, wave: float, level: float, origin: int) -> None:
         """Start a wave at a time [s] with a speed [m/s] that sets the braking factor of the vehicles it reaches."""
         self._number += 1
-        self._drop_finished()
+        self.drop_finished()
         if self.count == self.array.shape[1]:
             self.array = np.concatenate((self.array, np.zeros_like(self.array)), axis=1)
         self.array[:, self.count] = (time, wave, level, 0.0, float(self._number), float(origin))
         self.count += 1
 
-    def _drop_finished(self) -> None:
+    def drop_finished(self) -> None:
+        """Remove the events that have reached every vehicle."""
         if not any(reached >= self._vehicles for reached in self.array[k.REACHED, : self.count].tolist()):
             return
         propagating = self.array[k.REACHED, : self.count] < self._vehicles
         left = self.array[:, : self.count][:, propagating]
         self.array[:, : left.shape[1]] = left
         self.count = left.shape[1]
-
-    def propagating(self) -> int:
-        """Return the number of events that have not reached every vehicle, after removal of the others."""
-        if self.count:
-            self._drop_finished()
-        return self.count
 
 
 class PipeEvents(BrakeEvents):

@@ -337,6 +337,10 @@ class OutsideForces:
         The same numbers.
     mean : Array, shape (2, listed vehicles)
         Means of force [N] and force per speed [N s/m] over the last tick.
+    acts : bool
+        True if there is a vehicle with a disturbance.
+    sum : Array, shape (3, steps, listed vehicles)
+        Place of the forces of a tick.
     added_gusts : list of Gust
         Gusts that are not in the scenario and have not ended.
     planned_columns : list of int
@@ -387,7 +391,7 @@ class OutsideForces:
             for gust, vehicles in zip(self.added_gusts, added, strict=True)
         ]
         self.acts = bool(listed)
-        self._sum = np.zeros((3, self._steps, len(listed)))
+        self.sum = np.zeros((3, self._steps, len(listed)))
         self.mean = np.zeros((2, len(listed)))
 
     def add(self, gust: Gust) -> None:
@@ -406,7 +410,7 @@ class OutsideForces:
         return True
 
     def tick(self, stamp: int, speed: Array) -> Array:
-        """Return force [N], force per speed [N s/m] and drift speed [m/s] of the tick from a stamp on.
+        """Return force [N], force per speed [N s/m] and drift speed [m/s] of the tick from a stamp on, if any acts.
 
         Parameters
         ----------
@@ -420,21 +424,19 @@ class OutsideForces:
         Array, shape (3, steps, listed vehicles)
             Valid until the next call.
         """
-        if not self.acts:
-            return self._sum
         index = self._index_at(stamp) if self._planned else 0
         if not (self._gusts or self._cubes.size):
             self.mean = self._means[index]
             block: Array = self._block[index]
             return block
-        self._sum[:] = 0.0
+        self.sum[:] = 0.0
         if self._planned:
-            self._sum[:, :, self.planned_columns] = self._block[index]
+            self.sum[:, :, self.planned_columns] = self._block[index]
         if self._cubes.size:
-            self._sum[1][:, self.planned_columns] += self._cubes[index] * speed[self._planned] ** 2
-        self._add_gusts(stamp * 1e-9 + self._offsets, self._sum)
-        self.mean = np.add.reduce(self._sum[:2], axis=1) / self._steps
-        return self._sum
+            self.sum[1][:, self.planned_columns] += self._cubes[index] * speed[self._planned] ** 2
+        self._add_gusts(stamp * 1e-9 + self._offsets, self.sum)
+        self.mean = np.add.reduce(self.sum[:2], axis=1) / self._steps
+        return self.sum
 
     def _add_gusts(self, t: Array, forces: Array) -> None:
         """Add the gusts at the times of the plant steps of a tick [s] to its forces [N]."""
@@ -448,7 +450,7 @@ class OutsideForces:
         attribute ``mean`` becomes that of the last of these ticks.
         """
         if not self.acts:
-            return np.broadcast_to(self._sum, (count, *self._sum.shape))
+            return np.broadcast_to(self.sum, (count, *self.sum.shape))
         index = self._index_at(stamp)
         block: Array = self._block[index : index + count]
         self.mean = self._means[index + len(block) - 1]
@@ -475,7 +477,7 @@ class OutsideForces:
         """
         if not self.acts:
             none = np.zeros((count, self._steps, 0))
-            return np.zeros((count, *self._sum.shape)), none, np.zeros((count, 2, 0))
+            return np.zeros((count, *self.sum.shape)), none, np.zeros((count, 2, 0))
         index = self._index_at(stamp)
         while index + count > len(self._block):
             kept = (self._block[index:], self._means[index:], self._cubes[index:])
@@ -486,7 +488,7 @@ class OutsideForces:
         forces, means = self._block[part].copy(), self._means[part]
         cubes = self._cubes[part] if self._cubes.size else np.zeros((count, self._steps, 0))
         if self._gusts:
-            planned, forces = forces, np.zeros((count, *self._sum.shape))
+            planned, forces = forces, np.zeros((count, *self.sum.shape))
             forces[..., self.planned_columns] = planned
             for t, force in zip((stamp + self._tick_ns * np.arange(count)) * 1e-9, forces, strict=True):
                 self._add_gusts(t + self._offsets, force)

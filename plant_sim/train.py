@@ -191,7 +191,9 @@ class Train:
             self._drop_gusts()
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
-        outside = self.outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
+        outside = self.outside.sum
+        if self.outside.acts:
+            outside = self.outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
         begin = 0
         if self.jumps.planned:
             for step in self.jumps.steps(self.stamp):
@@ -208,7 +210,8 @@ class Train:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
         if self.parted.since is not None or self.jumps.planned or self.outside.added_gusts or self.outside.has_cubes:
             return False
-        return not (self.brake.propagating() or self.ticks_before_section == 0)
+        self.brake.drop_finished()
+        return not (self.brake.count or self.ticks_before_section == 0)
 
     @property
     def ticks_before_section(self) -> int:
@@ -270,11 +273,12 @@ class Train:
             demand, outside = demand[begin:end], np.ascontiguousarray(outside[:, begin:end])
         if self.parted.since is not None:
             demand = self.parted.without_traction(time, demand)
-        events = self.brake.propagating()
+        if self.brake.count:
+            self.brake.drop_finished()
         k.advance(
             time, self.step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self.brake.array, events, demand,
+            self.brake.array, self.brake.count, demand,
             outside, self.outside.vehicles, a.setting,
         )  # fmt: skip
 

@@ -67,7 +67,7 @@ def test_a_composed_run_records_every_message(setup, tmp_path):
     ("role", "target", "name"),
     [
         ("profile", ProfileStage, "on_measurement"),
-        ("observer", ObserverStage, "step"),
+        ("observer", ObserverStage, "on_measurement"),
         ("controller", ControllerStage, "command"),
     ],
 )

@@ -25,14 +25,16 @@ class AtoMode:
         State and its transitions.
     awaits_profile : bool
         True from an engagement during the run to the profile planned for it.
-    changed : bool
-        True at a step with a change of the state.
+    drives : bool
+        True if the law drives the train.
+    changed_at : int
+        Stamp of the last change of the state or accepted request [ns].
     assurance : AssuranceMonitor or None
         Choice between the law and the braking law.
     assured : bool
         True while the braking law drives in place of the law.
-    returned : bool
-        True at the step at which the law drives again after the braking law.
+    returned_at : int
+        Stamp of the last step at which the law drove again after the braking law [ns].
     standstill : bool
         True if the train is at standstill.
     check : MeasurementCheck
@@ -41,27 +43,25 @@ class AtoMode:
 
     def __init__(self, setup: RunSetup) -> None:
         self.machine = AtoStateMachine()
-        self.awaits_profile = False
-        self.changed = False
+        self.awaits_profile, self.drives = False, True
+        self.changed_at = self.returned_at = -1
         self._model, self._offset = setup.model, setup.model.offsets[:1]
         spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
         self.check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
-        self.assured = self.returned = False
+        self.assured = False
         self.waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
-        self._accepted = ""
+        self._accepted = -1, ""
         self.standstill = False
         self._speed = 0.0
 
-    @property
-    def drives(self) -> bool:
-        """True if the law drives the train."""
-        return self.machine.state is AtoState.ENGAGED and not self.awaits_profile
+    def _settle(self) -> None:
+        self.drives = self.machine.state is AtoState.ENGAGED and not self.awaits_profile
 
-    def begin_step(self) -> None:
-        """Begin a tick: changes and an accepted request are reported at their step only."""
-        self.changed = self.returned = False
-        self._accepted = ""
+    def take_profile(self) -> None:
+        """End the wait for a profile."""
+        self.awaits_profile = False
+        self._settle()
 
     def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
@@ -77,12 +77,14 @@ class AtoMode:
     def fail(self, stamp: int, reason: str) -> None:
         """Enter the state failure at a stamp [ns]."""
         self.machine.fail(stamp, reason)
-        self.changed = True
+        self.changed_at = stamp
+        self._settle()
 
     def stop(self, stamp: int, reason: str) -> None:
         """End an engagement at a stamp [ns] and brake to a stop."""
         self.machine.stop(stamp, reason)
-        self.awaits_profile = False
+        self.changed_at = stamp
+        self.take_profile()
 
     def forget_requests(self, stamp: int) -> None:
         """Remove the planned requests up to a stamp [ns]."""
@@ -119,10 +121,13 @@ class AtoMode:
         if difference and machine.state is AtoState.ENGAGED:
             machine.fail(stamp, difference)
         self._take_request(stamp)
-        self.changed = machine.state is not before or bool(self._accepted)
+        self._settle()
+        if machine.state is not before or self._accepted[0] == stamp:
+            self.changed_at = stamp
         if self.assurance is not None and speeds is not None and self.assurance.step(speeds):
-            self.changed, self.assured = True, self.assurance.brakes
-            self.returned = not self.assured
+            self.changed_at, self.assured = stamp, self.assurance.brakes
+            if not self.assured:
+                self.returned_at = stamp
         return AtoReport(
             stamp, measurement.position[:1] + self._offset, measurement.velocity[:1], np.array([float(machine.state)])
         )
@@ -137,7 +142,7 @@ class AtoMode:
             except ValueError:  # a planned request waits for its state
                 continue
             self.waiting.remove(request)
-            self._accepted = request.do
+            self._accepted = stamp, request.do
             self.awaits_profile = request.do == "engage"
             return
 
@@ -160,14 +165,15 @@ class AtoMode:
             velocity = np.full(self._model.n_units, self._speed)
         return np.asarray(np.minimum(self._model.force_limits(velocity)[0], 0.0))
 
-    def diagnostics(self) -> dict[str, str]:
-        """Return state, reason, assurance and accepted request as text."""
+    def diagnostics(self, stamp: int) -> dict[str, str]:
+        """Return state, reason and assurance as text, and the request accepted at a stamp [ns]."""
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
         if self.assurance is not None:
             values["takeovers"] = str(self.assurance.takeovers)
             if self.assured:
                 values["takeover"] = self.assurance.reason
-        return {**values, REQUEST_KEY: self._accepted} if self._accepted else values
+        accepted_at, request = self._accepted
+        return {**values, REQUEST_KEY: request} if accepted_at == stamp else values
 
 
 def _lock(protection: ProtectionState | None, speeds: SupervisedSpeeds | None) -> str:

@@ -176,7 +176,7 @@ class ControllerStage:
         """Set the profile; the first one creates the stack."""
         self.profile = profile
         if self.stack is None or self.ato.awaits_profile:
-            self.ato.awaits_profile = False
+            self.ato.take_profile()
             self.stack = self._new_stack(profile)
         else:
             self.stack.set_profile(profile)
@@ -302,9 +302,7 @@ class ControllerStage:
         disturbance = ends["ato/estimate"].receive(stamp, estimate)
         answer = self.answer
         received = self._passed_on(stamp, seen, expected, disturbance) if answer is None else answer.received
-        self.ato.begin_step()
-        resumed = self.outage != ""
-        if resumed:
+        if self.outage:
             assert self.profile is not None
             self.ato.stop(stamp, self.outage)
             self.takeover = TakeoverRamp(self.setup.model, transition_jerk(self.profile, self._jerk_limit))
@@ -314,7 +312,6 @@ class ControllerStage:
             limits = ends["atp/speeds"].receive(stamp, speeds)
             report = self.ato.update(received.measurement, state, limits)
             received = received._replace(report=report, protection=state, speeds=limits)
-        self.ato.changed |= resumed
         if self.failed is not None:
             self._brake(stamp, self.failed)
             self.failed = None
@@ -385,7 +382,7 @@ class ControllerStage:
         """
         stack, answer, self.answer = self.stack, self.answer, None
         assert stack is not None
-        if self.ato.returned:
+        if self.ato.returned_at == measurement.stamp:
             stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
             if answer is None:
@@ -418,7 +415,7 @@ class ControllerStage:
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
-        due = self.inputs.report_due(stamp) or bool(self.changed) or self.ato.changed
+        due = self.inputs.report_due(stamp) or bool(self.changed) or self.ato.changed_at == stamp
         if self.stack is None or not (due or self.stack.hold.in_a_row):
             return None
         values = {
@@ -434,7 +431,7 @@ class ControllerStage:
             values[GIVEN] = changes_to_json(self._given)
             self._given = {}
         if self.setup.layout.supervised:
-            values |= self.ato.diagnostics()
+            values |= self.ato.diagnostics(stamp)
         if not self.ato.drives:
             state = self.ato.machine.state
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)

@@ -13,6 +13,7 @@ from train_ato.control.component_fault import (
     unless_raised,
 )
 from train_ato.control.observers.contract import ObserverStack
+from train_ato.control.observers.none import NoObserver
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.stage_messages import ObserverMessages
@@ -52,6 +53,7 @@ class ObserverStage:
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[ComponentFailed], None] | None = None
         self._name, self._observer, self._limit = setup.observer, observer, step_limit(observer)
+        self._none = np.zeros(setup.model.n_units) if type(observer) is NoObserver else None
         self.failure: ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
         self.stack = ObserverStack(setup.model, observer, setup.brake_policy())
@@ -88,7 +90,11 @@ class ObserverStage:
         """Return the estimate for the stamp of the measurement, with diagnostics once a second."""
         stamp, answer, self.answer = measurement.stamp, self.answer, None
         given = self.inputs.measurement(measurement)
-        estimate: DisturbanceEstimate = self.step(stamp, given) if answer is None else unless_raised(answer)
+        estimate: DisturbanceEstimate
+        if self._none is not None:  # it needs neither brake policy nor shoe forces
+            estimate = DisturbanceEstimate(stamp, self._none)
+        else:
+            estimate = self.step(stamp, given) if answer is None else unless_raised(answer)
         return ObserverMessages(estimate, self.diagnostic(stamp) if self.inputs.report_due(stamp) else None)
 
     def diagnostic(self, stamp: int) -> Diagnostic:

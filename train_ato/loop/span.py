@@ -300,7 +300,6 @@ class CompiledSpans:
         if without_python and isinstance(law, PythonCall):
             return None
         controller.changed = {}
-        controller.ato.begin_step()
         if self._pause > 1:  # probably another span without a tick, whose arrays cost as much as those of a full one
             count = min(count, RETRIED)
         return Span(self, stack, law, count)
@@ -438,7 +437,8 @@ class Span:
     def _arguments(self) -> tuple[Any, ...]:
         train, out, spans = self._train, self.arrays, self._spans
         link, protection, stamps = self._plant.link, self._plant.protection, self._plant.protection.stamps
-        a, events = train.arrays, train.brake.propagating()
+        train.brake.drop_finished()
+        a, events = train.arrays, train.brake.count
         cubed = np.array(train.outside.planned_columns[: out.cubes.shape[2]], dtype=np.int64)
         law, sensors, observing, braking = self.law, train.sensor_set.records, self._observing(), self._braking()
         law_state = law.state.view(np.uint8)

@@ -363,7 +363,8 @@ class Env(CallerForces):
             "costs": costs,
         }
         if loop.supervisor is not None:
-            info |= ato.diagnostics() | {"interventions": loop.supervisor.supervisor.interventions}
+            stamp = loop.controller.received.measurement.stamp
+            info |= ato.diagnostics(stamp) | {"interventions": loop.supervisor.supervisor.interventions}
         if episode.ended:
             metrics = self.run.metrics
             info |= {"metrics": metrics, "verdict": metrics.get("verdict"), "failure": episode.failure}

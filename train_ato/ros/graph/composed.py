@@ -23,8 +23,8 @@ from train_ato.ros.nodes.outside_plant import OutsidePlant
 from train_ato.ros.standalone.notices import READY
 from train_ato.scenario.setup import RunSetup
 
-RECORD_EVERY = 50
-"""Ticks after which the recorder empties its queues of 1000 messages."""
+RECORD_EVERY = 300
+"""Callbacks after which the recorder empties its queues of 1000 messages; a tick has at least five."""
 START_LIMIT_S = 30.0
 """Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
@@ -206,11 +206,11 @@ class _Composed:
 
     def _drive(self, report: Report | None) -> None:
         plant, watch, spin_once = self._plant, self._watch, self._executor.spin_once
-        look, record = time.monotonic() + TURN_S, 0
+        look, turns = time.monotonic() + TURN_S, 0
         while not plant.finished and watch.failure is None:
             spin_once(timeout_sec=TURN_S)
-            if plant.tick >= record:
-                record = plant.tick + RECORD_EVERY
+            turns += 1
+            if turns % RECORD_EVERY == 0:
                 self._record()
             now = time.monotonic()
             if now >= look:

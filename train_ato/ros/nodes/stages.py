@@ -5,19 +5,15 @@ releases traction and brakes as long as the train keeps its limits. The observer
 """
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import OBSERVERS
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.stamp_synchronizer import AwaitedReport, ProfileInputs
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import AHEAD
-from train_ato.messages.types import Measurement, Odometry, TrainAhead
+from train_ato.messages.types import AtoReport, Measurement, Odometry, TrainAhead
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.changes import Changes, RunChanges
@@ -25,28 +21,32 @@ from train_ato.scenario.setup import RunSetup
 
 
 class ProfileNode:
-    """ROS node of the profile; sends the reference for every measurement."""
+    """ROS node of the profile; sends the reference for every measurement.
+
+    A measurement waits for the report of the ATO of the period before, and for that of the train ahead. If the next
+    measurement comes first, the newest reports are used: without lockstep the plant does not wait.
+
+    Attributes
+    ----------
+    ignored : int
+        Number of duplicate and late messages.
+    """
 
     def __init__(self, stage: ProfileStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs = AwaitedReport(stage.setup, lambda: endpoints.left_out("ato/state"))
+        self.ignored = 0
         self._joins = False
-        endpoints.counter = self._inputs
-        endpoints.awaited = lambda: "ato/state" if self._inputs.waits else ""
-        endpoints.subscribe(
-            {
-                "train/measurement": partial(self._answer, self._inputs.put),
-                "ato/state": partial(self._answer, self._inputs.report),
-                AHEAD: partial(self._answer, self._inputs.ahead),
-            },
-            stage.setup.tick_ns,
-        )
-
-    @property
-    def ignored(self) -> int:
-        """Number of duplicate and late messages."""
-        return self._inputs.ignored
+        self._held: Measurement | None = None
+        self._report: AtoReport | None = None
+        self._ahead: TrainAhead | None = None
+        self._heard = -1 if stage.setup.layout.behind else sys.maxsize
+        self._last = -1
+        self._period_ns = stage.setup.supervision_ticks * stage.setup.tick_ns
+        endpoints.counter = self
+        endpoints.awaited = lambda: "" if self._held is None else "ato/state"
+        endpoints.subscribe({"train/measurement": self._on_measurement}, stage.setup.tick_ns)
+        endpoints.subscribe({"ato/state": self._on_report, AHEAD: self._on_ahead})
 
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns]: the profile is sent with the first reference."""
@@ -58,9 +58,39 @@ class ProfileNode:
         start = self.stage.start()
         self.endpoints.publish(*[("ato/limits", start.limits)] if self._joins else start.published())
 
-    def _answer(self, add: Callable[[Any], list[ProfileInputs]], message: Any) -> None:
-        for inputs in add(message):
-            self.endpoints.publish(*self.stage.on_measurement(*inputs).published())
+    def _on_measurement(self, measurement: Measurement) -> None:
+        if measurement.stamp <= self._last:
+            self.ignored += 1
+            return
+        self._last = measurement.stamp
+        if self._held is not None:
+            self.endpoints.publish(*self.stage.on_measurement(self._held, self._report, self._ahead).published())
+        self._held = measurement
+        self._answer()
+
+    def _on_report(self, report: AtoReport) -> None:
+        if self._report is not None and report.stamp <= self._report.stamp:
+            self.ignored += 1
+            return
+        self._report = report
+        self._answer()
+
+    def _on_ahead(self, ahead: TrainAhead) -> None:
+        self._ahead, self._heard = ahead, ahead.stamp
+        self._answer()
+
+    def _answer(self) -> None:
+        """Send the reference for the held measurement if the reports of its step have arrived."""
+        held, report = self._held, self._report
+        if held is None:
+            return
+        supervised = self.stage.setup.supervised_at(held.stamp)
+        due = supervised and held.stamp > 0
+        late = due and (report is None or report.stamp < held.stamp - self._period_ns)
+        if (supervised and self._heard < held.stamp) or (late and not self.endpoints.left_out("ato/state")):
+            return
+        self._held = None
+        self.endpoints.publish(*self.stage.on_measurement(held, report if due else None, self._ahead).published())
 
 
 class SupervisorNode:
