@@ -494,11 +494,11 @@ def test_drives_that_pull_make_the_release_earlier(model: TrainModel) -> None:
 
 
 def test_a_departure_releases(model: TrainModel) -> None:
-    """Breaks if a train that has stopped with applied brakes cannot depart."""
+    """Breaks if a train that has stopped with applied brakes cannot depart, or releases while its wagons run in."""
     policy = make_brake_policy(spec(), model, model.line)
-    for t, speed, force in ((0.0, 5.0, -0.4 * FULL), (1.0, 0.0, 0.0)):
+    for t, speed, force in ((0.0, 5.0, -0.4 * FULL), (1.0, 0.0, 0.0), (2.0, 0.4, 1e5), (3.0, 0.0, 0.0)):
         assert policy.step(t, APPLY + t, speed, force) == APPLIED
-    assert policy.step(2.0, APPLY + 1.0, 0.0, 1e5) == CHARGED
+    assert policy.step(14.0, APPLY + 3.0, 0.0, 1e5) == CHARGED
 
 
 def test_unplanned_applications_keep_the_recharge_pause(model: TrainModel) -> None:

@@ -23,10 +23,18 @@ from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Slope, Speed, Time, Usual
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules
-from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, lasts, used_share
+from train_ato.control.air_brake.record_policy import (
+    BrakeNow,
+    BrakePolicy,
+    NoRules,
+    PolicyForm,
+    departs,
+    lasts,
+    used_share,
+)
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 from train_ato.control.contract import ProfileLike
-from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 class BlendRules(SiModel):
@@ -56,7 +64,7 @@ class BlendState:
     """State of :func:`blend_reduction`."""
 
     applied: bool = quantity("", "the brake is applied")
-    stood: bool = quantity("", "the train has stood since the application")
+    rest: float = quantity("s", "begin of the standstill with applied brakes")
     since: float = quantity("s", "begin of the condition of the next change")
     released_at: float = quantity("s", "time of the last release")
 
@@ -66,15 +74,14 @@ def blend_reduction(p: BlendRules, state: BlendState, rows: Records[NoRules], no
     """Return the reduction by the used part of the electric brake [Pa]."""
     share = used_share(now)
     if state.applied:
-        state.stood = state.stood or abs(now.velocity) < STANDSTILL_SPEED
         eased = share <= p.ease and now.velocity >= p.never_below
-        wanted, after = eased or (state.stood and now.applied > 0.0), p.ease_after
+        wanted, after = departs(state, now.t, now.velocity, now.applied) or eased, p.ease_after
     else:
         rested = now.t - state.released_at >= p.pause
         wanted, after = share >= p.call and rested and now.velocity >= p.never_below, p.call_after
     if lasts(state, wanted, now.t, after):
         state.applied = not state.applied
-        state.stood, state.since = False, inf
+        state.rest, state.since = inf, inf
         state.released_at = state.released_at if state.applied else now.t
     return p.reduction if state.applied else 0.0
 
@@ -86,7 +93,7 @@ class BlendedBrake(BrakePolicy):
 
     def __init__(self, charged: float, rules: BlendRules, model: TrainModel) -> None:
         super().__init__(charged, rules, model=model)
-        self.state["since"], self.state["released_at"] = inf, -inf
+        self.state["rest"], self.state["since"], self.state["released_at"] = inf, inf, -inf
 
 
 class BrakeEvent(SiModel):

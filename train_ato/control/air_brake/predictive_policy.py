@@ -25,7 +25,7 @@ from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time, Usual
 from train_ato.control.air_brake import schedule_cost as s
-from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, NoRules, PolicyForm, departs
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.contract import ProfileLike
@@ -194,6 +194,7 @@ class DecisionState:
 
     reduction: float = quantity("Pa", "present reduction")
     due: float = quantity("s", "time of the next decision")
+    rest: float = quantity("s", "begin of the standstill with applied brakes")
 
 
 @compiled
@@ -226,9 +227,8 @@ class PredictiveBrake(BrakePolicy):
         self._forecast = ScheduleForecast(rules, model)
         self._shoes = ShoeForecast(model)
         self._unknown = LuenbergerObserver(BANDWIDTH, rules.period)
-        self.state["due"] = -np.inf
+        self.state["due"], self.state["rest"] = -np.inf, np.inf
         self._changed_at = -np.inf
-        self._stood = False
         self._before: tuple[float, float] | None = None
 
     @property
@@ -245,16 +245,12 @@ class PredictiveBrake(BrakePolicy):
         if t >= self.due:
             unknown = self._unknown_force(t, position, velocity, applied)
             self.state["due"] = t + self._rules.period - TOLERANCE
-            if self._released_for_departure(velocity, applied):
+            if self._reduction > 0.0 and departs(self.state[0], t, velocity, applied):
                 self._set(t, 0.0)
             elif abs(velocity) >= STANDSTILL_SPEED:
                 self._decide(t, np.array((position, velocity, unknown)))
             self._shoes.demand(t, self.charged - self._reduction)
         return self.charged - self._reduction
-
-    def _released_for_departure(self, velocity: float, applied: float) -> bool:
-        self._stood = self._reduction > 0.0 and (self._stood or abs(velocity) < STANDSTILL_SPEED)
-        return self._stood and applied > 0.0
 
     def _unknown_force(self, t: float, position: float, velocity: float, applied: float) -> float:
         """Return the force that the model lacks [N], > 0 forward, from the acceleration since the last decision."""
@@ -285,7 +281,7 @@ class PredictiveBrake(BrakePolicy):
             self._set(t, best[0].reduction)
 
     def _set(self, t: float, reduction: float) -> None:
-        self.state["reduction"], self._changed_at, self._stood = reduction, t, False
+        self.state["reduction"], self.state["rest"], self._changed_at = reduction, np.inf, t
         self._shoes.demand(t, self.charged - reduction)
 
     def _reference(self, now: Array) -> Array:

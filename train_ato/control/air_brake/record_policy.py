@@ -20,6 +20,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
 from plant_sim.railway import envelope_force
 from plant_sim.record import dtype_of, fill, quantity, zeros
+from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -58,6 +59,21 @@ def lasts(state: Any, condition: bool, t: float, after: float) -> bool:
     elif state.since == inf:
         state.since = t
     return bool(t - state.since >= after)
+
+
+AT_REST = 10.0
+"""Time at standstill after which the wagons have run in, and traction is a departure [s]."""
+
+
+@compiled
+def departs(state: Any, t: float, velocity: float, applied: float) -> bool:
+    """Return True for traction after a standstill; ``state.rest`` is its begin, infinite before it."""
+    stood = t - state.rest >= AT_REST
+    if abs(velocity) < STANDSTILL_SPEED:
+        state.rest = min(state.rest, t)
+    elif not stood or applied <= 0.0:
+        state.rest = inf
+    return bool(stood and applied > 0.0)
 
 
 @compiled

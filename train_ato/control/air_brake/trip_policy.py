@@ -22,8 +22,7 @@ from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Speed, Time, Usual
-from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, lasts, used_share
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, departs, lasts, used_share
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -71,7 +70,7 @@ class TripState:
     following: int = quantity("1", "number of the present or next planned application")
     reduction: float = quantity("Pa", "present reduction")
     planned: bool = quantity("", "the present application is that of the plan")
-    stood: bool = quantity("", "the train has stood since the application")
+    rest: float = quantity("s", "begin of the standstill with applied brakes")
     since: float = quantity("s", "begin of the condition of the next change")
     released_at: float = quantity("s", "time of the last release")
 
@@ -88,9 +87,9 @@ def _decide_application(p: TripRules, state: TripState, rows: Records[PlannedApp
         spared = share < plan.electric_at_apply - p.tolerance
         late = now.position >= plan.apply + (p.shift if spared else 0.0)
         if full or late:
-            state.reduction, state.planned, state.stood, state.since = plan.reduction, True, False, inf
+            state.reduction, state.planned, state.rest, state.since = plan.reduction, True, inf, inf
     elif full and now.t - state.released_at >= p.pause and now.velocity >= p.never_below:
-        state.reduction, state.planned, state.stood, state.since = 0.0, False, False, inf
+        state.reduction, state.planned, state.rest, state.since = 0.0, False, inf, inf
         for plan in rows:
             state.reduction = max(state.reduction, plan.reduction)
 
@@ -118,8 +117,8 @@ def trip_reduction(p: TripRules, state: TripState, rows: Records[PlannedApplicat
     if state.reduction == 0.0:
         _decide_application(p, state, rows, now)
     else:
-        state.stood = state.stood or abs(now.velocity) < STANDSTILL_SPEED
-        if _release_due(p, state, rows, now) or (state.stood and now.applied > 0.0):
+        leaves = departs(state, now.t, now.velocity, now.applied)
+        if _release_due(p, state, rows, now) or leaves:
             state.following += state.planned
             state.reduction, state.since, state.released_at = 0.0, inf, now.t
     return state.reduction
