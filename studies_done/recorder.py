@@ -105,12 +105,12 @@ class Graph:
         from train_ato.ros.graph.composed import RECORD_EVERY
 
         plant = self._nodes[Role.PLANT]
-        last, record = plant.stage.tick + ticks, 0
+        last, turns = plant.stage.tick + ticks, 0
         begin = (time.perf_counter(), time.thread_time(), time.process_time())
         while plant.stage.tick < last and not plant.finished and self._watch.failure is None:
             self._executor.spin_once(timeout_sec=0.1)
-            if self._recorder is not None and plant.stage.tick >= record:
-                record = plant.stage.tick + RECORD_EVERY
+            turns += 1
+            if self._recorder is not None and turns % RECORD_EVERY == 0:
                 self._recorder.poll()
         wall, thread = time.perf_counter(), time.thread_time()
         time.sleep(PAUSE_S)

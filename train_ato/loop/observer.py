@@ -52,7 +52,7 @@ class ObserverStage:
         self._given = given or {}
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[ComponentFailed], None] | None = None
-        self._name, self._observer, self._limit = setup.observer, observer, step_limit(observer)
+        self._limit = step_limit(observer)
         self._none = np.zeros(setup.model.n_units) if type(observer) is NoObserver else None
         self.failure: ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
@@ -72,7 +72,7 @@ class ObserverStage:
                 try:
                     with self._limit:
                         estimate = self.stack.step(arrived)
-                    text = estimate_fault(self._name, self._observer, estimate.force, setup.model.n_units)
+                    text = estimate_fault(setup.observer, self.stack.observer, estimate.force, setup.model.n_units)
                     if not text:
                         return DisturbanceEstimate(stamp, np.asarray(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any

@@ -162,7 +162,9 @@ class Receiver:
             return message
         self.fresh = False
         if self._effects:
-            self._note_faults(now)
+            acting = [effect.acts(now) for effect in self._effects]
+            self.changed |= acting != self._acting
+            self._acting = acting
             for arrival in self._arrived(now, message):
                 self._take(now, arrival)
         elif message is not None:
@@ -210,11 +212,6 @@ class Receiver:
         self._before = messages[-2] if len(messages) > 1 else self._newest
         self._newest = messages[-1]
         self._last = self._newest.stamp
-
-    def _note_faults(self, now: int) -> None:
-        acting = [effect.acts(now) for effect in self._effects]
-        self.changed |= acting != self._acting
-        self._acting = acting
 
     def _arrived(self, now: int, message: Any) -> list[Any]:
         """Queue a sent message with the effects of the faults; return the messages that arrive now, in order."""

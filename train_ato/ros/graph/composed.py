@@ -24,7 +24,7 @@ from train_ato.ros.standalone.notices import READY
 from train_ato.scenario.setup import RunSetup
 
 RECORD_EVERY = 300
-"""Callbacks after which the recorder empties its queues of 1000 messages; a tick has at least five."""
+"""Callbacks after which the recorder empties its queues of 1000 messages; a tick has seven, and at least one."""
 START_LIMIT_S = 30.0
 """Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
