@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -292,9 +292,65 @@ def test_an_error_in_the_diagnostics_of_a_law_stops_the_train() -> None:
     error = failed(law=Counts("whole"), set=METRO)
     assert f"node controller failed: law Counts: {FAULTS['divides']}, {__file__}:" in str(error)
     assert_stopped(error)
-    law = Counts("whole")
-    law.diagnostics = lambda: ["steps"]  # type: ignore[method-assign]
-    assert "law Counts: TypeError: diagnostics() returned list; return a dictionary" in str(failed(law=law, set=METRO))
+
+
+class Silent(Unsound):
+    """Law whose diagnostics are nothing."""
+
+    def diagnostics(self) -> Any:
+        return None
+
+
+class Misses(Unsound):
+    """Law that fails without a measurement."""
+
+    def on_missed_sample(self) -> None:
+        raise KeyError("missed")
+
+
+@dataclass
+class Absent(CompensationBase):
+    """Compensation that returns nothing."""
+
+    def step(self, inputs: Any) -> Any:
+        return None
+
+
+@dataclass
+class Wide(Predicting):
+    """Compensation that returns forces of seven units."""
+
+    def step(self, inputs: Any) -> Any:
+        return replace(super().step(inputs), feedforward=np.zeros(7))
+
+
+@pytest.mark.parametrize(
+    ("given", "said", "method", "faults"),
+    [
+        ({"law": Silent("whole")}, "law Silent: diagnostics() returned NoneType; return a dictionary of texts",
+         Silent.diagnostics, []),
+        ({"law": Misses("whole")}, "law Misses: KeyError: 'missed'", Misses.on_missed_sample,
+         [{"topic": "train/measurement", "do": "drop", "end": 0.2}]),
+        ({"compensation": Absent}, "compensation Absent: step() returned NoneType; return LawInput(...)",
+         Absent.step, []),
+        ({"compensation": Wide}, "compensation Wide: step() returned feedforward of shape (7,); return an array of 1",
+         Wide.step, []),
+    ],
+)  # fmt: skip
+def test_every_method_that_is_wrong_is_named_with_its_file(given: Any, said: str, method: Any, faults: Any) -> None:
+    """Breaks if the line has a file of this project in place of that of the component, or no component."""
+    error = failed("demo" if faults else "xuzhou_metro", **given, set={**METRO, "faults": faults})
+    begin = f"node controller failed: {said}, {__file__}:"
+    assert str(error).startswith(begin)
+    line = int(str(error).removeprefix(begin).partition(";")[0])
+    assert 0 <= line - inspect.getsourcelines(method)[1] <= 1
+
+
+def test_the_pipe_has_a_command_before_the_first_measurement() -> None:
+    """Breaks if the plant of a graph waits for a brake-pipe command that never comes."""
+    faults = [{"topic": "train/measurement", "do": "drop", "end": 0.5}]
+    run = ta.run("demo", set={"duration": 2, "faults": faults})
+    assert len(run["ato/brake_pipe_command"]) == len(run["ato/command"]) == 20
 
 
 def test_an_output_that_is_nonsense_names_the_step_that_returned_it() -> None:

@@ -3,17 +3,22 @@
 import inspect
 import math
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
 
-from train_ato.control.contract import LawOutput, LawPlan
+from train_ato.control.contract import LawInput, LawOutput, LawPlan
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut, text_of_exit
 
 _OF_PROJECT = ("train_ato", "plant_sim")
+_OF_UNITS = (
+    "position", "velocity", "applied", "reference_position", "reference_velocity", "reference_acceleration",
+    "feedforward", "disturbance", "shoe_force", "force_min", "force_max",
+)  # fmt: skip
+"""Inputs of a law with one entry per power unit."""
 
 
 class ComponentFailed(RunFailed):
@@ -167,10 +172,32 @@ def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
     return f"{text}{_step_of(observer)[0]}"
 
 
-def _step_of(law: Any) -> tuple[str, str]:
-    """Return file and line of the step of a law outside of this project after a comma, and the name of its method."""
+def diagnostics_fault(name: str, law: Any, found: Any) -> str:
+    """Return the fault of the diagnostics of a law that are no dictionary, with its remedy; "" without one."""
+    if isinstance(found, Mapping):
+        return ""
+    text = f"law {short_name(name)}: diagnostics() returned {type(found).__name__}; return a dictionary of texts"
+    return f"{text}{_step_of(law, 'diagnostics')[0]}"
+
+
+def inputs_fault(compensation: Any, inputs: Any, units: int) -> str:
+    """Return the fault of the inputs by a compensation that a law cannot read, with its remedy; "" without one."""
+    found, asked = type(inputs).__name__, "LawInput(...)"
+    if isinstance(inputs, LawInput):
+        shapes = {key: np.shape(getattr(inputs, key)) for key in _OF_UNITS}
+        wrong = [f"{key} of shape {shape}" for key, shape in shapes.items() if shape != (units,)]
+        if not wrong:
+            return ""
+        found, asked = wrong[0], f"an array of {units}"
+    text = f"compensation {type(compensation).__name__}: step() returned {found}; return {asked}"
+    return f"{text}{_step_of(compensation)[0]}"
+
+
+def _step_of(law: Any, *methods: str) -> tuple[str, str]:
+    """Return file and line of a method, by default the step, outside of this project after a comma, and its name."""
     if is_own(law):
-        for name, method in ((name, vars(each).get(name)) for each in type(law).__mro__ for name in ("step", "demand")):
+        names = methods or ("step", "demand")
+        for name, method in ((name, vars(each).get(name)) for each in type(law).__mro__ for name in names):
             code = getattr(method, "__code__", None)
             if code is not None and not code.co_filename.startswith(_project_folder()):
                 return f", {code.co_filename}:{code.co_firstlineno}", name

@@ -16,7 +16,11 @@ from train_ato.control.command_hold import CommandHold, command_at_standstill, p
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.component_fault import (
+    ComponentFailed,
+    diagnostics_fault,
     fault_of_error,
+    inputs_fault,
+    is_own,
     output_fault,
     printable,
     raise_if_interrupted,
@@ -90,7 +94,8 @@ class ControlStack:
     in_flight : Array, shape (d, units)
         Commands sent and not yet in effect, one per tick, oldest first [N].
     pressure : float or None
-        Pressure of the brake pipe demanded [Pa]; None without an air brake, and before the first measurement.
+        Pressure of the brake pipe demanded [Pa], before the first measurement that of a released brake; None without
+        an air brake.
     every, ticks, saturated_steps : int
         Ticks between two steps of the law, ticks so far, and steps at a limit so far.
     saturated : bool
@@ -140,10 +145,12 @@ class ControlStack:
         self._make_law = make_law
         self._set_law(controller, controller_parameters.get(controller, {}))
         self.compensation, self._compensation_limit = compensation, step_limit(compensation)
+        self._own_compensation = is_own(compensation)
         self.policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
         self.delay_to_effect = model.longest_delay + model.lag
-        self._air_brake = model.consist.air_brake is not None
+        brake = model.consist.air_brake
+        self._air_brake = brake is not None
         self.in_flight = model.commands_in_flight()
         self._jerk_limit, self._authority = jerk_limit, authority
         self.ticks = self.saturated_steps = 0
@@ -155,7 +162,7 @@ class ControlStack:
         self._takes_over = self._joins = False
         self._joined: JoinedReference | None = None
         self._braking: TakeoverRamp | None = None
-        self.pressure: float | None = None
+        self.pressure: float | None = None if brake is None else brake.charged  # lockstep awaits one in every tick
         self._shoes_act = self.law_brakes = self.saturated = False
         self.hold = CommandHold(hold_limit, period)
         self._fault: BaseException | None = None
@@ -246,14 +253,19 @@ class ControlStack:
         try:
             with self._law_limit:
                 found: Any = getattr(self.law, "diagnostics", dict)()
-                if not isinstance(found, Mapping):
-                    raise TypeError(f"diagnostics() returned {type(found).__name__}; return a dictionary of texts")
+                if text := diagnostics_fault(self._name, self.law, found):
+                    raise ComponentFailed(text)
                 return {printable(f"{self._name}.{key}"): printable(str(value)) for key, value in found.items()}
         except BaseException as error:  # a user-defined law may raise any
-            raise_if_interrupted(error)
             if self._fault is None:
-                self._fault, self._fault_text = error, fault_of_error("law", self._name, error)
+                self._take_fault("law", self._name, error)
             return {}
+
+    def _take_fault(self, kind: str, name: str, error: BaseException) -> None:
+        """Note an error of the law or the compensation, which gets no further step."""
+        raise_if_interrupted(error)
+        self._fault = error
+        self._fault_text = str(error) if isinstance(error, ComponentFailed) else fault_of_error(kind, name, error)
 
     @property
     def has_fault(self) -> bool:
@@ -311,7 +323,7 @@ class ControlStack:
             decided = True
         elif due:
             self.hold.hold("no valid reference" if valid else "no valid measurement of the power units")
-            getattr(self.law, "on_missed_sample", lambda: None)()
+            self._miss_sample()
         if self._transition is not None:
             self.last = self._in_transition(self._transition, measurement, decided=decided)
         if decided and self._on_command_sent is not None:
@@ -320,6 +332,15 @@ class ControlStack:
         self.in_flight[:-1] = self.in_flight[1:]
         self.in_flight[-1:] = force
         return force, self.pressure
+
+    def _miss_sample(self) -> None:
+        """Call the method of the law for a tick without a step."""
+        if self._fault is None:
+            try:
+                with self._law_limit:
+                    getattr(self.law, "on_missed_sample", lambda: None)()
+            except BaseException as error:  # a user-defined law may raise any
+                self._take_fault("law", self._name, error)
 
     def _at_standstill(self, force: Array, measurement: Measurement, reference: Reference) -> list[float]:
         """Return the command of a train at standstill [N]."""
@@ -393,6 +414,8 @@ class ControlStack:
                         None if self._authority is None else partial(self._authority, measurement.stamp),
                     )  # fmt: skip
                     inputs = self.compensation.step(seen)
+                if self._own_compensation and (text := inputs_fault(self.compensation, inputs, self.model.n_units)):
+                    raise ComponentFailed(text)
                 self._shoes_act = inputs.train_shoe_force != 0.0
                 if self._joins or self._joined is not None:
                     inputs = self._on_joined_reference(inputs)
@@ -406,8 +429,7 @@ class ControlStack:
                 if not self._fault_text:
                     return inputs, output
             except BaseException as error:  # a user-defined law may raise any
-                raise_if_interrupted(error)
-                self._fault, self._fault_text = error, fault_of_error(kind, name, error)
+                self._take_fault(kind, name, error)
         self.hold.hold(self._fault_text, by_component=True)
         return None
 
@@ -506,4 +528,4 @@ class ControlStack:
         """Return True if the air brake is demanded, or its shoes act."""
         if self.model.consist.air_brake is None:
             return False
-        return self._shoes_act or self.pressure is None or self.pressure < self.model.consist.air_brake.charged
+        return self._shoes_act or self.pressure < self.model.consist.air_brake.charged  # type: ignore[operator]
