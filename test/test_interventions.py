@@ -38,6 +38,7 @@ from train_ato.scenario.interventions import (
     make_intervention,
     planned_for,
 )
+from train_ato.scenario.setup import late_entry
 
 SECOND = 1_000_000_000
 UNSUPERVISED = "supervision.enabled=false"
@@ -224,6 +225,26 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
     told = [(message.stamp, message.values[KEY]) for message in loop.reports if KEY in message.values]
     assert told[0][0] == 60 * SECOND and 61 * SECOND < told[1][0] < 85 * SECOND
     assert not interventions_from_json(told[1][1])[0].applied
+
+
+@pytest.mark.parametrize(
+    ("entry", "what"),
+    [
+        ("law_changes=[{at: 2, law: smc}, {at: 9, law: pid}]", "law_changes.1: ... change at 9"),
+        ("interventions=[{at: 5, do: gust, duration: 1, acceleration: 0.1}]", "interventions.0: ... intervention at 5"),
+        ("ato_requests=[{at: 7.5, do: engage}]", "ato_requests.0: ... request at 7.5"),
+        ("faults=[{topic: ato/command, do: drop, begin: 8}]", "faults.0: ... fault at 8"),
+        ("faults=[{node: observer, do: kill, at: 6}]", "faults.0: ... fault at 6"),
+        ("plant.jumps=[{what: lag, factor: 0.5, at: 20}]", "plant.jumps.0: ... jump at 20"),
+        ("plant.jumps=[{what: lag, factor: 0.5, place: 9000}]", ""),
+        ("interventions=[{at: 4.9, do: gust, duration: 1, acceleration: 0.1}]", ""),
+    ],
+)
+def test_an_entry_after_the_end_of_the_run_has_a_line(entry: str, what: str) -> None:
+    """Breaks if a planned entry has no effect without a word, or one in time has a line."""
+    text = late_entry(setup_of("demo", "duration=5", entry).scenario)
+    what = what.replace("...", "the run ends at 5 s, before the")
+    assert text == (what and f"{what} s; lengthen duration or remove the {what.split()[-3]}")
 
 
 rclpy = pytest.importorskip("rclpy")

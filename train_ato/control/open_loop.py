@@ -66,17 +66,6 @@ def driver_reductions(actions: Sequence[DriverAction]) -> tuple[BrakeEvent, ...]
     )
 
 
-def late_action(actions: Sequence[DriverAction], duration: float) -> str:
-    """Return a line on the first action that a run of a duration [s] does not reach by its time; "" without one."""
-    for number, action in enumerate(actions):
-        if action.time is not None and action.time >= duration:
-            return (
-                f"profile.driver.{number}: the run ends at {number_text(duration)} s, before the action at "
-                f"{number_text(action.time)} s; lengthen duration or remove the action"
-            )
-    return ""
-
-
 class NotchHandle:
     """Handle of one power unit with the force of its notch.
 

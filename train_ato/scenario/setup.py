@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,6 @@ from train_ato.control.component_fault import refused_at_start
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.gains import Gains, advice
-from train_ato.control.open_loop import late_action
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, GivenComponent, Registry, started
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.topic import TrainLayout
@@ -163,6 +162,29 @@ def check_evaluation(scenario: Scenario, profile: Profile) -> None:
             f"evaluation.until_time: {number_text(evaluation.until_time)} s: the profile begins to move at "
             f"{number_text(rest)} s; give a later time, or remove the key"
         )
+
+
+def late_entry(scenario: Scenario) -> str:
+    """Return a line on the first planned entry that a run does not reach by its time; "" without one."""
+    lists: dict[tuple[str, str], Iterable[Any]] = {
+        ("profile.driver", "action"): scenario.profile.driver or (),
+        ("law_changes", "change"): scenario.law_changes,
+        ("interventions", "intervention"): scenario.interventions,
+        ("ato_requests", "request"): scenario.ato_requests,
+        ("faults", "fault"): scenario.faults,
+        ("brake.events", "event"): scenario.brake.events,
+        ("plant.jumps", "jump"): scenario.plant.jumps,
+    }
+    for (key, what), entries in lists.items():
+        for number, entry in enumerate(entries):
+            values = vars(entry)
+            time = next((values[name] for name in ("at", "time", "begin") if values.get(name) is not None), 0.0)
+            if time >= scenario.duration:
+                return (
+                    f"{key}.{number}: the run ends at {number_text(scenario.duration)} s, before the {what} at "
+                    f"{number_text(time)} s; lengthen duration or remove the {what}"
+                )
+    return ""
 
 
 def check_parameters(scenario: Scenario) -> None:
@@ -345,7 +367,7 @@ class RunSetup:
         does not reach in time.
         """
         if name is None and self.scenario.profile.driver is not None:
-            return late_action(self.scenario.profile.driver, self.scenario.duration)
+            return late_entry(self.scenario)
         name = self.controller if name is None else name
         law, gains = self.law(name, values), self.gains(name, values)
         given = self.compensation_parameters
