@@ -437,7 +437,7 @@ class PreparedSweep:
                 self._run_missing(rows, writer, shown=shown, announce=announce or (lambda text: None))
             except KeyboardInterrupt:
                 rows = rows if folder is None else self._kept(folder)  # a row is on the disk before it counts here
-                place = "" if folder is None else f"; {len(rows)} finished runs: {folder.path}"
+                place = f"; {len(rows)} finished runs: {folder.path}" if folder is not None and rows else ""
                 raise RunInterrupted(f"interrupted{place}") from None
             finally:
                 if folder is not None and rows:
