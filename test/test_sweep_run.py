@@ -502,7 +502,7 @@ def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch:
         ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "out", progress=False)
     assert len(read_results(tmp_path / "out" / "results.parquet")[0]) == 2
     monkeypatch.setattr(sweep_module, "Execution", lambda *_, **__: signal.raise_signal(signal.SIGINT))
-    with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match="^interrupted$"):
+    with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match=r"^interrupted$"):
         ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "none", progress=False)
     assert not (tmp_path / "none").exists()
 
