@@ -498,11 +498,12 @@ class ControlStack:
         In motion the demand of the law keeps its difference from the force of the profile inside the limits of the
         units; one at the limit that it can reach is not known beyond it. From the begin of an early change on the
         difference is that of the begin: the law would remove the speed that the early change gains for the corner. With
-        an air brake in action the force of the profile is not that of the units alone.
+        an air brake in action the force of the profile is not that of the units alone. Nor is it always divided by the
+        shares on an uneven train.
         """
         t = measurement.stamp * 1e-9
         rests = self.profile.at(t)[1] == 0.0
-        if not transition.is_bounded or (self._brakes_by_air() and not rests):
+        if not transition.is_bounded or self.model.uneven or (self._brakes_by_air() and not rests):
             return self.last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
         by_unit = getattr(self.law, "uses_feedforward", True)
