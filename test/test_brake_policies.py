@@ -108,7 +108,7 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(tmp_path: Pat
         t, stamp = k * model.tick, round(k * model.tick * 1e9)
         measured = Measurement(stamp, np.array([1500.0 + speed[0] * t]), speed, low, none, none, none)
         reference = Reference(stamp, *setup.profile.at(t)[:3])
-        seen = CompensationInput(stamp * 1e-9, measured, reference, np.zeros(1), np.array([low] * 5), 600e3, low, high)
+        seen = CompensationInput(measured, reference, np.zeros(1), np.array([low] * 5), 600e3, low, high)
         shoes.append(layer.step(seen).train_shoe_force)
         layer.on_command_sent(low)
     assert shoes[0] == 0.0 and shoes[-1] > 50e3

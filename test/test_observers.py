@@ -226,7 +226,7 @@ def step_input(of, along, t, state, commands_in_flight, disturbance=None):
     none = np.zeros(len(of.sensors))
     low, high = of.force_limits(state[1])
     return CompensationInput(
-        stamp * 1e-9, Measurement(stamp, *state, none, none, none), Reference(stamp, *along.at(t)[:3]),
+        Measurement(stamp, *state, none, none, none), Reference(stamp, *along.at(t)[:3]),
         np.zeros(n) if disturbance is None else disturbance, commands_in_flight, None, low, high,
     )  # fmt: skip
 

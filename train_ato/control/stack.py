@@ -408,7 +408,7 @@ class ControlStack:
             try:
                 with self._compensation_limit:
                     seen = CompensationInput(
-                        measurement.stamp * 1e-9, measurement, reference, disturbance, self.in_flight.copy(),
+                        measurement, reference, disturbance, self.in_flight.copy(),
                         self.pressure, low, high, self.saturated, getattr(self.law, "horizon", 0),
                         getattr(self.law, "lookahead_times", None),
                         None if self._authority is None else partial(self._authority, measurement.stamp),

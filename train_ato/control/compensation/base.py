@@ -138,12 +138,16 @@ class CompensationBase:
         """
         return np.asarray(feedforwards(self._along, self.actuators, self.rigid.forces, times, shoes))
 
+    def feedforward(self, t: float, shoes: float) -> Array:
+        """Return :meth:`feedforwards` at one time, shape (units,)."""
+        found: Array = self.feedforwards(np.array([t]), np.array([shoes]))[0]
+        return found
+
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return measured state, reference and feed-forward of the present time."""
         self.shoes.demand(inputs.t, inputs.pressure)
         shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
-        feedforward = self.feedforwards(np.array([inputs.t]), np.array([shoes.total]))[0]
-        return self.law_input(inputs, inputs.t, feedforward, shoes)
+        return self.law_input(inputs, inputs.t, self.feedforward(inputs.t, shoes.total), shoes)
 
     def law_input(
         self,

@@ -25,8 +25,6 @@ class CompensationInput:
 
     Attributes
     ----------
-    t : float
-        Time of the measurement [s].
     measurement : Measurement
         State of the power units and of the couplers with a sensor.
     reference : Reference
@@ -50,7 +48,6 @@ class CompensationInput:
         moving end of authority; None without a train ahead.
     """
 
-    t: float
     measurement: Measurement
     reference: Reference
     disturbance: Array
@@ -62,6 +59,11 @@ class CompensationInput:
     horizon: int = 0
     lookahead_times: Array | None = None
     authority: Callable[[Array], tuple[float, Array]] | None = None
+
+    @property
+    def t(self) -> float:
+        """Time of the measurement [s]."""
+        return self.measurement.stamp * 1e-9
 
 
 class Compensation(Protocol):

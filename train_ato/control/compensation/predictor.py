@@ -344,8 +344,7 @@ class Predictor(PreviewFeedforward):
         state = UnitState(measured.position, measured.velocity, measured.applied)
         if delay > 0.0:
             state = self._predict(inputs, sent, delay, shoes.total)
-        feedforward = self.feedforwards(np.array([now]), np.array([shoes.total]))[0]
-        return self.law_input(inputs, effect, feedforward, shoes, state)
+        return self.law_input(inputs, effect, self.feedforward(now, shoes.total), shoes, state)
 
     def _predict(self, inputs: CompensationInput, sent: Array, delay: float, shoes: float) -> UnitState:
         """Return the state of the units after the delay [s]."""

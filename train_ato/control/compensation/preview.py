@@ -21,8 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from plant_sim.compiled import compiled
 from plant_sim.record import Records
 from train_ato.control.compensation.base import Actuator, CompensationBase
@@ -69,7 +67,7 @@ class PreviewFeedforward(CompensationBase):
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         effect = t + mean_delay(self.actuators, inputs.commands_in_flight)
-        feedforward = self.feedforwards(np.array([t]), np.array([self.shoes_along(effect).total]))[0]
+        feedforward = self.feedforward(t, self.shoes_along(effect).total)
         return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
 
     @property

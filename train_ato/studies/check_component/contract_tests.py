@@ -368,7 +368,7 @@ class CompensationRig(Rig):
         Use of the air brake, if there is one.
     """
 
-    guaranteed = ("t", "pressure", "force_min", "force_max", "saturated")
+    guaranteed = ("pressure", "force_min", "force_max", "saturated")
 
     def __init__(self, name: str, delay: float = DELAY, lag: float = LAG, brake: BrakeSpec = BRAKING) -> None:
         compile_kernel()  # as before a run: a simulated train inside a compensation uses the kernel

@@ -174,8 +174,7 @@ class Bench:
         low, high = self.model.force_limits(measurement.velocity)
         sent = self._no_commands if in_flight is None else in_flight
         ahead = (getattr(law, "horizon", 0), getattr(law, "lookahead_times", None))
-        forces = self._zeros, sent, None, low, high
-        return CompensationInput(stamp * 1e-9, measurement, reference, *forces, False, *ahead)
+        return CompensationInput(measurement, reference, self._zeros, sent, None, low, high, False, *ahead)
 
     def state_on_profile(self, step: int, speed_error: float = 0.0, law: Any = None) -> CompensationInput:
         """Return the state in a step on the profile, with a speed error [m/s] and forces of 0."""
