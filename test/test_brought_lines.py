@@ -92,7 +92,8 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
         ("position_m,grade_permille,elevation_m\n0,1,5\n9,1,5\n", "are both the grade; remove one"),
         ("position_m,grade_permille\n0,nan\n9,1\n", "grade_permille = 'nan': is not a number"),
         ("position_m,grade_permille\n0,1_0\n9,1\n", "'1_0': is not a number"),
-        ("position_m,grade_permille\n0,900\n9,1\n", "line 2, grade_permille = 900: must lie between -500 and 500"),
+        ("position_m,grade_permille\n0,900\n9,1\n", "line 2, grade_permille = 900: must lie between -500 and 500; "),
+        ("km,Gradient\n0,-5\n9,1\n", "line 2, Gradient = -5: name the column grade_permille or grade_percent"),
         ("position_m,radius_m\n0,1\n9,0\n", "line 2, radius_m = 1: below 5 m"),
         ("position_m,latitude\n0,1\n9,0\n", "latitude and longitude need each other"),
         ('position_m,stop\n0,"A\n9,B\n', "unexpected end of data; correct the quotes"),
@@ -135,6 +136,8 @@ def test_a_table_with_marks_at_the_ends_of_its_rows(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(text.encode("utf-16"))
     line = load_line(str(tmp_path / "a.csv"))
     assert (line.end, [stop.name for stop in line.stops]) == (3000, ["A B", "C"])
+    (tmp_path / "a.yaml").write_text(own_yaml(line), encoding="utf-16")
+    assert read_line(tmp_path / "a.yaml").line == line, "YAML and JSON too"
 
 
 EAST = 1 / (6_378_137.0 / math.sqrt(1 - 6.694379990141e-3 * math.sin(math.radians(48)) ** 2))

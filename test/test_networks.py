@@ -546,11 +546,28 @@ def test_a_network_of_railml_2_by_hand(railml: Path, capsys: pytest.CaptureFixtu
         ("600 slope".replace(" ", '" '), '600" dir="down" slope', "dir = 'down': its sign is not known"),
         ('pos="400" dir', 'pos="1400" dir', "speedChange v400: pos = 1400: must lie between 100 and 1100"),
         ('pos="700"', 'pos="100"', "switch s1: pos: outgoing at the begin of its track"),
+        ('pos="600" slope', 'pos="100" slope', "gradientChange g600: pos = 100: another value there; keep one"),
+        ('dir="down"', 'dir="both"', "track t1: speedChange: dir = 'both': must be up or down"),
     ):
         assert RAIL_2.count(old) == 1, old
         railml.write_text(RAIL_2.replace(old, new))
         with pytest.raises(ValueError, match=words):
             load_line(f"{railml}:West..t3")
+
+
+@pytest.mark.parametrize(("way", "sign"), [("up", 1), ("down", -1)])
+def test_speeds_of_railml_2_at_one_place_have_an_order(railml: Path, way: str, sign: int) -> None:
+    """Breaks if a restriction that ends where another one begins is permanent, or a row given twice ends none."""
+    begin = 0 if sign > 0 else 1000
+    rows = [(100, "40"), (100, "40"), (300, "30"), (300, "end"), (100, "80"), (0, "90"), (500, "end")]
+    changes = "; ".join(f'{begin + sign * at} dir="{way}" vMax="{speed}"' for at, speed in rows)
+    ends = '<trackTopology><trackBegin pos="0"/><trackEnd pos="1000"/></trackTopology>'
+    text = f'<railml version="2.2"><infrastructure><track id="t">{ends}{located_2("v", changes, "speedChange")}'
+    railml.write_text(f"{text}</track></infrastructure></railml>", encoding="utf-16")
+    line = load_line(f"{railml}{':reverse' if sign < 0 else ''}")
+    assert [(e.at, round(3.6 * e.speed)) for e in line.speed_limits] == [(0, 90), (100, 80)]
+    restrictions = [(e.begin, e.end, round(3.6 * e.speed)) for e in line.temporary_restrictions]
+    assert restrictions == [(100, 300, 40), (300, 500, 30)]
 
 
 def test_a_turn_on_the_way_is_two_lines(railml: Path) -> None:
@@ -666,6 +683,8 @@ def test_arcs_of_gradient_and_transition_curves_are_linear_between_their_neighbo
     ]  # fmt: skip
     found = [(e.begin, e.end, round(e.radius, 6), e.side) for e in line.curves]
     assert found == [(100, 120, 2000, "left"), (120, 140, 666.666667, "left"), (140, 300, 500, "left")]
+    known = 'curveType="straight" gradient="10" deltaGradient="10"'
+    assert load_line(geometry(railml, curves("gradientCurve", (known, 0, 2000)))).grades[0].grade == 0.01
     with pytest.raises(ValueError, match=r"gradientCurve: its gradient is not known: .* add gradient"):
         load_line(geometry(railml, curves("gradientCurve", (arc.format(10), 500, 540))))
 
@@ -714,7 +733,7 @@ def other_a(slopes: Any, curves: Any = ()) -> dict[str, Any]:
         ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
         ({"neutral_sections": [{"track_ranges": None}]}, r"neutral_sections\[0\]: track_ranges: none"),
         ({"operational_points": [station("Far", ("A", 1001.5))]}, "position = 1001.5: must lie between 0 and 1000"),
-        ({"speed_sections": {}}, "speed_sections = {}: must be a list$"),
+        ({"speed_sections": {}}, "speed_sections = {}: must be a list; correct it$"),
         ({"track_sections": []}, "track_sections: empty; add the tracks"),
         ({"switches": [{"id": "x", "switch_type": "turntable", "ports": {}}]},
          "type = 'turntable': must be one of link"),

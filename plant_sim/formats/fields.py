@@ -96,13 +96,15 @@ def read_bytes(path: Path) -> bytes:
         raise ValueError(f"{path}: cannot be read ({error.strerror}); give a readable text file") from None
 
 
-def decoded(raw: bytes) -> str:
-    """Return the text of a table in UTF-8, UTF-16 or UTF-32 with their marks, or in Latin-1."""
+def decoded(raw: bytes, *, latin: bool = True) -> str:
+    """Return a text in UTF-8, UTF-16 or UTF-32 with their marks, or, as a table may be, in Latin-1."""
     marks = {b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
     encoding = next((name for mark, name in marks.items() if raw.startswith(mark)), "utf-8-sig")
     try:
         return raw.decode(encoding)
     except UnicodeDecodeError:
+        if not latin:
+            raise
         return raw.decode("latin-1")
 
 
@@ -111,7 +113,7 @@ def read_any(path: Path) -> Any:
     from plant_sim.data_text import parse_json, parse_yaml  # help of convert needs no YAML
 
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        text = decoded(read_bytes(path), latin=False)
     except UnicodeDecodeError:
         raise ValueError(f"{path}: {_kind_of(path, 'not UTF-8 text')}; {_GIVE}") from None
     try:
@@ -209,7 +211,7 @@ class Fields:
         value = self.required(key)
         if not isinstance(value, list) or len(value) < least:
             size = f" of at least {least}" if least else ""
-            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list{size}")
+            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list{size}; correct it")
         return value
 
     def each(self, key: str, least: int = 0) -> list["Fields"]:
@@ -232,14 +234,17 @@ class Fields:
         rows = self.entries(key, least)
         for place, row in enumerate(rows):
             if not isinstance(row, list) or len(row) != columns:
-                raise ValueError(f"{self.place}: {key}[{place}] = {_shown(row)}: must be a list of {columns}")
+                raise ValueError(
+                    f"{self.place}: {key}[{place}] = {_shown(row)}: must be a list of {columns}; correct it"
+                )
         return rows
 
 
 def known_text(text: str, place: str, known: Collection[str]) -> str:
     """Return a text that is one of the known ones."""
     if text not in known:
-        names = " or ".join(known) if len(known) == 2 else f"one of {', '.join(known)}"
+        shown = [name for name in known if name]
+        names = " or ".join(shown) if len(shown) == 2 else f"one of {', '.join(shown)}"
         raise ValueError(f"{place} = '{text[:40]}': must be {names}; correct it")
     return text
 
@@ -247,9 +252,10 @@ def known_text(text: str, place: str, known: Collection[str]) -> str:
 def finite_number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:
     """Return a finite number within its range."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
-        raise ValueError(f"{place} = {_shown(value)}: must be a finite number")
+        raise ValueError(f"{place} = {_shown(value)}: must be a finite number; correct it")
     if not low <= value <= high:
-        raise ValueError(f"{place} = {number_text(value)}: must lie between {number_text(low)} and {number_text(high)}")
+        bounds = f"{number_text(low)} and {number_text(high)}"
+        raise ValueError(f"{place} = {number_text(value)}: must lie between {bounds}; correct it or its unit")
     return float(value)
 
 

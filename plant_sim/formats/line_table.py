@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.chainage import parse_post
-from plant_sim.formats.fields import decoded, number_in, print_assumption, read_bytes
+from plant_sim.formats.fields import decoded, finite_number, number_in, print_assumption, read_bytes
 from plant_sim.formats.writing import lost_keys
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import MAX_GRADE, Line, order_fault
@@ -228,8 +228,10 @@ def _value(column: _Column, text: str, place: str, mark: str) -> Any:
         return kilometre
     if "," in text and mark == ",":
         raise ValueError(f"{where} = '{text[:30]}': separate the columns by semicolons, or write a decimal point")
-    most = MAX_VALUES[column.quantity] / column.factor
-    number = number_in(text.replace(",", "."), where, -most, most)
+    number, most = number_in(text.replace(",", "."), where), MAX_VALUES[column.quantity] / column.factor
+    if column.quantity == "grade" and column.factor == 1.0 and abs(number) > most:
+        raise ValueError(f"{where} = {number_text(number)}: name the column grade_permille or grade_percent")
+    finite_number(number, where, -most, most)
     value = number * column.factor
     if column.quantity == "speed_limit" and value <= 0:
         raise ValueError(f"{where} = {number_text(number)}: must be above 0; correct it")

@@ -8,7 +8,8 @@ speed before ``vMax="end"`` is a temporary restriction. A track with switches be
 
 from __future__ import annotations
 
-from itertools import combinations, product
+import math
+from itertools import combinations, pairwise, product
 from xml.etree.ElementTree import Element, SubElement
 
 from plant_sim.formats.fields import known_text, names_in, print_assumption
@@ -23,6 +24,7 @@ from plant_sim.formats.railml_collection import (
     number_of,
     tag_of,
 )
+from plant_sim.units import number_text
 
 CARRIED = names_in("""
     @version, infrastructure.{operationControlPoints.ocp.{@id, @name}, speedProfiles.speedProfile.{@id,
@@ -55,6 +57,8 @@ WAYS = {"": None, "up": "normal", "down": "reverse"}
 """Direction of running in railML 3 by that of a speed change."""
 NAVIGABLE = {(True, True): "Both", (True, False): "AB", (False, True): "BA", (False, False): "None"}
 """Navigability of a relation by the ways from A to B and from B to A."""
+VALUES = ("slope", "radius", "vMax", "type", "isolatedSection")
+"""Values of the changes."""
 ENDS = ("end", "999.9")
 """Speed of the end of a temporary restriction, and that before railML 2.3."""
 
@@ -199,7 +203,7 @@ class _Tracks:
         def listed(tag: str, way: str | None = None, profile: str | None = None) -> list[tuple[float, Element]]:
             found = [(number_of(e, "pos", place, begin, begin + length), e) for e in elements_below(track, tag)
                      if way is None or (e.get("dir", ""), e.get("profileRef", "")) == (way, profile)]  # fmt: skip
-            return sorted(found, key=lambda entry: entry[0], reverse=way == "down")
+            return found if tag == "tunnel" else _each_once(found, place, -1.0 if way == "down" else 1.0)
 
         def written(old: Element, tag: str, first: float, last: float, way: str | None = None, **keys: str) -> Element:
             low, high = sorted((first - begin, last - begin))
@@ -225,7 +229,8 @@ class _Tracks:
             end = at + number_of(tunnel, "length", place, 0)
             entry = written(tunnel, "overCrossing", at, end, constructionType="tunnel")
             _add(entry, "tunnelResistance", crossSection=tunnel.get("crossSection"))
-        for way, profile in sorted({(e.get("dir", ""), e.get("profileRef", "")) for _, e in listed("speedChange")}):
+        speeds = elements_below(track, "speedChange")
+        for way, profile in sorted({(e.get("dir", ""), e.get("profileRef", "")) for e in speeds}):
             known_text(way, f"{place}: track {name}: speedChange: dir", WAYS)
             last = (begin, track) if way == "down" else edge
             changes = listed("speedChange", way, profile)
@@ -240,6 +245,27 @@ class _Tracks:
                 entry = written(change, "speedSection", at, end, WAYS[way], **keys)
                 if profile:
                     _add(entry, "validForSpeedProfile", ref=profile)
+
+
+def _each_once(changes: list[tuple[float, Element]], place: str, sign: float) -> list[tuple[float, Element]]:
+    """Return changes in running order, -1 for falling places; two values at one place are refused.
+
+    At one place a restriction ends first, and the lower one of two speeds is a restriction if it ends before the next
+    change.
+    """
+
+    def order(change: tuple[float, Element]) -> tuple[float, float]:
+        speed = math.inf if _ends(change) else number_of(change[1], "vMax", place) if change[1].get("vMax") else 0.0
+        return sign * change[0], -speed
+
+    found: dict[tuple[float | str, ...], tuple[float, Element]] = {}
+    for change in sorted(changes, key=order):
+        found.setdefault((change[0], *(change[1].get(key, "") for key in VALUES)), change)
+    kept = [*found.values()]
+    for (one, other), after in zip(pairwise(kept), [*kept[2:], None], strict=False):
+        if one[0] == other[0] and not _ends(one) and (after is None or not _ends(after)):
+            raise ValueError(f"{entry_of(other[1], place)}: pos = {number_text(one[0])}: another value there; keep one")
+    return kept
 
 
 def _ends(entry: tuple[float, Element]) -> bool:

@@ -236,7 +236,7 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
         passages = location.ranges(curve, path, signed=True)
         delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
         kind = choice_of(curve, "curveType", place, KINDS)
-        if curve.get("gradient") is not None and not delta:
+        if curve.get("gradient") is not None and (not delta or curve.get("curveType") == "straight"):
             value = 1e-3 * number_of(curve, "gradient", place, -500, 500)
             rows += [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]
         elif kind == "mixed" and delta is None:
