@@ -18,7 +18,7 @@ from programs import begun, python
 from waiting import LIMIT_S, pause, wait_for
 
 from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
-from train_ato.cli.main import main
+from train_ato.cli.main import LEFT_S, main
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario
 
@@ -233,6 +233,19 @@ def test_a_module_that_exits_is_refused(end, kind, tmp_path, monkeypatch, capsys
     monkeypatch.syspath_prepend(str(tmp_path))
     assert main(["run", "demo", "--engine", "--law", f"{kind.lower()}_law:Law"]) == 2
     assert f"module '{kind.lower()}_law' cannot be imported: called {end}, " in capsys.readouterr().err
+
+
+def test_a_thread_of_a_law_that_goes_on_is_named(tmp_path: Path) -> None:
+    """Breaks if a complete run seems to hang: Python waits for the thread before the process ends."""
+    begins = f"threading.Thread(target=time.sleep, args=({2.5 * LEFT_S},), name='my server').start()"
+    law = "from train_ato.control.laws.pid import Pid as Law"
+    (tmp_path / "served.py").write_text(f"import threading, time\n{law}\n{begins}\n")
+    with started(
+        tmp_path, "run", "demo", "--engine", "--set=duration=1", "--law", "served:Law", "--out", "out"
+    ) as process:
+        _, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 0
+    assert "train-ato: done, but a law or another component has a thread that goes on: my server; start it with" in err
 
 
 @pytest.mark.parametrize("then", ["time.sleep(1000)", "pass"], ids=["sleeps", "loops"])

@@ -6,6 +6,8 @@ import gc
 import importlib
 import os
 import sys
+import threading
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -61,6 +63,8 @@ WITH_UNITS = ("run", "compare", "info", "plan", "report", "export", "list", "imp
               "curves", "tune")  # fmt: skip
 """Commands with ``--units``."""
 DONE, FAILED = 0, 1
+LEFT_S = 2.0
+"""Wall time after a command in which its threads can end [s]; pools of workers end at once."""
 COLLECTED = 20_000, 10, 10
 """New objects after which a command looks for garbage.  Most are modules and classes, which live until its end; after
 Python's 700 the looks take a tenth of the processor time of ``compare``."""
@@ -113,6 +117,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
     gc.set_threshold(*COLLECTED)
     prepare_streams()
+    status = _status(arguments)
+    if arguments is None:
+        _name_threads_left()
+    return status
+
+
+def _status(arguments: Sequence[str] | None) -> int:
+    """Run one command and return its exit status; an error is one line."""
     interrupt = Interrupt()
     try:
         with ending_like_ctrl_c(interrupt):
@@ -135,6 +147,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if interrupt.asked:  # some libraries convert KeyboardInterrupt into their own exception
             return print_error("interrupted", FAILED)
         return _status_of(error)
+
+
+def _name_threads_left() -> None:
+    """Name the threads of a component for which Python waits before the process can end."""
+    left = [thread for thread in threading.enumerate() if not thread.daemon and thread is not threading.main_thread()]
+
+    def name() -> None:
+        time.sleep(LEFT_S)
+        if names := ", ".join(dict.fromkeys(thread.name for thread in left if thread.is_alive())):
+            text = f"done, but a law or another component has a thread that goes on: {names}; start it with daemon=True"
+            print_error(text, DONE)
+
+    if left:
+        threading.Thread(target=name, daemon=True).start()
 
 
 def _executed(options: argparse.Namespace) -> int:
