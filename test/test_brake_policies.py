@@ -121,8 +121,11 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(tmp_path: Pat
         ([(5.0, 1e5, 20), (0.0, 0.0, 60)], False),
         ([(0.0, 0.0, 60), (0.0, 1e5, 6)], True),
         ([(0.0, 0.0, 2), (0.4, 1e5, 30)], False),
+        ([(0.0, 0.0, 2), (0.4, 1e5, 5), (1.6, 1e5, 6)], True),
+        ([(0.0, 0.0, 60), (0.0, 0.1, 20)], False),
+        ([(0.0, 0.0, 60), (0.0, 1.0, 6)], True),
     ],
-    ids=["below 35 km/h", "rolls, then stands", "departs", "wagons run in"],
+    ids="below 35 km/h,rolls then stands,departs,wagons run in,departs after 2 s,lag of a force,downhill".split(","),
 )
 def test_air_is_released_above_the_limit_and_at_a_departure_only(then, released) -> None:
     """Paper 000: a release below 35 km/h can break a coupler.  Each row is speed, demand and number of seconds."""
@@ -255,11 +258,10 @@ def with_weak_electric_brake(folder: Path) -> RunSetup:
 
 
 def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: Path) -> None:
-    """Breaks if the brakes are released at 35 km/h, or at the first halt of the locomotive."""
+    """Breaks if the brakes are released at 35 km/h, at the first halt of the locomotive, or by the lag of its force."""
     outcome = run_engine(with_weak_electric_brake(tmp_path))
-    (_, _, reduction), (end, _, _) = changes_of(outcome.recording)
+    ((_, _, reduction),) = changes_of(outcome.recording)
     assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 2.0
-    assert outcome.recording.front_velocity[outcome.recording.time >= end].max() < 0.05
 
 
 @pytest.mark.parametrize(("speed", "demanded"), [(15.0, APPLIED), (8.0, CHARGED)])

@@ -20,7 +20,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
 from plant_sim.railway import envelope_force
 from plant_sim.record import dtype_of, fill, quantity, zeros
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -63,17 +63,19 @@ def lasts(state: Any, condition: bool, t: float, after: float) -> bool:
 
 AT_REST = 10.0
 """Time at standstill after which the wagons have run in, and traction is a departure [s]."""
+DEPARTING = 1.5
+"""Speed with traction, after a standstill of any length, above that of a locomotive whose wagons run in [m/s]."""
 
 
 @compiled
 def departs(state: Any, t: float, velocity: float, applied: float) -> bool:
-    """Return True for traction after a standstill; ``state.rest`` is its begin, infinite before it."""
-    stood = t - state.rest >= AT_REST
+    """Return True for traction after a standstill; ``state.rest`` is its begin or the last motion, infinite before."""
+    stood, pulls = t - state.rest >= AT_REST, applied > 0.5 * RELEASE_FORCE  # the lag of a force never ends
     if abs(velocity) < STANDSTILL_SPEED:
         state.rest = min(state.rest, t)
-    elif not stood or applied <= 0.0:
-        state.rest = inf
-    return bool(stood and applied > 0.0)
+    elif state.rest < inf and not (stood and pulls):
+        state.rest = t
+    return bool(pulls and (stood or (state.rest < inf and velocity >= DEPARTING)))
 
 
 @compiled
