@@ -125,7 +125,7 @@ def test_blending_in_the_simulated_copy_has_the_force_of_its_units(tmp_path: Pat
         ([(0.0, 0.0, 60), (0.0, 0.1, 20)], False),
         ([(0.0, 0.0, 60), (0.0, 1.0, 6)], True),
     ],
-    ids="below 35 km/h,rolls then stands,departs,wagons run in,departs after 2 s,lag of a force,downhill".split(","),
+    ids=["below 35 km/h", "rolls, then stands", "departs", "wagons run in", "early", "lag", "downhill"],
 )
 def test_air_is_released_above_the_limit_and_at_a_departure_only(then, released) -> None:
     """Paper 000: a release below 35 km/h can break a coupler.  Each row is speed, demand and number of seconds."""

@@ -363,8 +363,8 @@ class RunSetup:
     def advice(self, name: str | None = None, values: Mapping[str, Any] | None = None) -> str:
         """Return a line with the remedy for a law that does not fit the train or its delay; "" if it fits.
 
-        Default: the law at the start with the parameters of the scenario. For a driver's run: the first action that it
-        does not reach in time.
+        Default: the law at the start with the parameters of the scenario. For a driver's run, which has no law: that
+        of :func:`late_entry`.
         """
         if name is None and self.scenario.profile.driver is not None:
             return late_entry(self.scenario)
