@@ -324,6 +324,14 @@ class Wide(Predicting):
         return replace(super().step(inputs), feedforward=np.zeros(7))
 
 
+@dataclass
+class Spoilt(Predicting):
+    """Compensation that returns no number."""
+
+    def step(self, inputs: Any) -> Any:
+        return replace(super().step(inputs), position=np.array([np.nan]))
+
+
 @pytest.mark.parametrize(
     ("given", "said", "method", "faults"),
     [
@@ -335,6 +343,7 @@ class Wide(Predicting):
          Absent.step, []),
         ({"compensation": Wide}, "compensation Wide: step() returned feedforward of shape (7,); return an array of 1",
          Wide.step, []),
+        ({"compensation": Spoilt}, "compensation Spoilt: step() returned invalid inputs: position", Spoilt.step, []),
     ],
 )  # fmt: skip
 def test_every_method_that_is_wrong_is_named_with_its_file(given: Any, said: str, method: Any, faults: Any) -> None:

@@ -258,6 +258,7 @@ def test_a_braked_run_has_the_reason_in_summary_table_and_line(tmp_path, capsys)
     assert line == f"train-ato: {protection_note(summary, str(folder))}"
     for part in (summary["first_intervention"], "service brake in effect", f"report {folder}", "inject engage"):
         assert part in line
+    assert "inject engage" not in protection_note({**summary, "status": "failed"}, str(folder)), "it is over"
     opened = ta.open_run(folder)
     assert "<td>strongest reaction of the train</td><td>emergency brake</td>" in opened._repr_html_()
 

@@ -189,8 +189,12 @@ def inputs_fault(compensation: Any, inputs: Any, units: int) -> str:
         if not wrong:
             return ""
         found, asked = wrong[0], f"an array of {units}"
-    text = f"compensation {type(compensation).__name__}: step() returned {found}; return {asked}"
-    return f"{text}{_step_of(compensation)[0]}"
+    return answer_fault(compensation, f"{found}; return {asked}")
+
+
+def answer_fault(compensation: Any, found: str) -> str:
+    """Return the fault of a compensation by what its step has returned, with its place."""
+    return f"compensation {type(compensation).__name__}: step() returned {found}{_step_of(compensation)[0]}"
 
 
 def _step_of(law: Any, *methods: str) -> tuple[str, str]:

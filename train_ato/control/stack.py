@@ -17,6 +17,7 @@ from train_ato.control.compensation.contract import Compensation, CompensationIn
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.component_fault import (
     ComponentFailed,
+    answer_fault,
     diagnostics_fault,
     fault_of_error,
     inputs_fault,
@@ -367,8 +368,11 @@ class ControlStack:
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:
-            reason = f"law '{self._name}' repeated its last force ({output.held})"
-            self.hold.hold(reason, by_component=is_valid(inputs))
+            valid = is_valid(inputs)
+            spoilt = self._own_compensation and not valid and "coupler_force" not in output.held  # that of a sensor
+            law = f"law '{self._name}' repeated its last force ({output.held})"
+            reason = answer_fault(self.compensation, output.held) if spoilt else law
+            self.hold.hold(reason, by_component=valid or spoilt)
         else:
             self.hold.in_a_row = 0
         if self._air_brake and output.brake_pipe is not None:

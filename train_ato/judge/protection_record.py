@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from train_ato.control.assurance import BRAKING_LAW
+from train_ato.judge.run_end import FAILED
 from train_ato.messages.types import AtoState, Diagnostic, Protection
 from train_ato.supervision.supervisor import SupervisionState
 
@@ -140,6 +141,6 @@ def protection_note(summary: Mapping[str, Any], run: str) -> str:
     parts = [summary_events(summary)]
     if summary.get("brake_interventions") or summary.get("takeovers"):
         parts.append(f"see speed and limits with `train-ato report {run}`")
-    if summary.get("ato_disengaged_s") is not None:
+    if summary.get("ato_disengaged_s") is not None and summary.get("status") != FAILED:
         parts.append(ENGAGE)
     return "; ".join(part for part in parts if part)
