@@ -16,6 +16,7 @@ import train_ato
 from plant_sim import kernel as k
 from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.disturbances import Gust, OutsideForces
+from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli.info import _value
 from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
@@ -240,11 +241,13 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
         ("interventions=[{at: 4.9, do: gust, duration: 1, acceleration: 0.1}]", ""),
     ],
 )
-def test_an_entry_after_the_end_of_the_run_has_a_line(entry: str, what: str) -> None:
+def test_an_entry_after_the_end_of_the_run_has_a_line(entry: str, what: str, capsys) -> None:
     """Breaks if a planned entry has no effect without a word, or one in time has a line."""
     text = late_entry(setup_of("demo", "duration=5", entry).scenario)
     what = what.replace("...", "the run ends at 5 s, before the")
     assert text == (what and f"{what} s; lengthen duration or remove the {what.split()[-3]}")
+    choose_scenario("demo").assigned(["duration=5", entry]).prepare()
+    assert capsys.readouterr().err == (text and f"note: demo: {text}\n"), "from Python, and in sweeps"
 
 
 rclpy = pytest.importorskip("rclpy")

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import yaml
 
 from plant_sim.data_text import TextDumper
+from plant_sim.formats.fields import print_assumption
 from plant_sim.library import split_name
 from train_ato.control.registry import LAWS, REGISTRIES, GivenComponent, Registry, keyword_values, load_class
 from train_ato.judge.metric_names import verdict_html
@@ -21,7 +22,7 @@ from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, over
 from train_ato.scenario.scenario import Scenario, check_scenario, expectation_of, raw_scenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.scenario_files import SCHEMA, variants_of
-from train_ato.scenario.setup import RunSetup, prepare
+from train_ato.scenario.setup import RunSetup, late_entry, prepare
 
 Changes = Mapping[str, Any]
 """Values by key: ``{"laws.pid.kp": 0.03}``."""
@@ -135,9 +136,12 @@ class ScenarioChoice:
     ) -> RunSetup:
         """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs."""
         try:
-            return prepare(scenario or self.checked, self.path, parts, recorded=recorded)
+            setup = prepare(scenario or self.checked, self.path, parts, recorded=recorded)
         except ValueError as error:
             raise self._caused(error) from None
+        if not recorded and (late := late_entry(setup.scenario)):
+            print_assumption(f"{setup.scenario.name}: {late}")
+        return setup
 
     def _caused(self, error: ValueError) -> RefusedScenario:
         """Return a refusal with the changes that caused it in place of the file."""
