@@ -374,6 +374,13 @@ def test_noise_of_the_speed_does_not_hide_a_departure(scenario, seed, largest):
     assert run.metrics["speed_error_max_kmh"] / 3.6 < largest
 
 
+@pytest.mark.parametrize("quantum", [1.0, 5.0])
+def test_a_coarse_position_does_not_hide_a_departure(quantum):
+    """A place that stays while the train moves is no measurement: the speed error was 9 and 53 km/h."""
+    sensors = {"plant.sensors.position_quantum": quantum, "plant.sensors.velocity_noise": 0.01, "duration": 40}
+    assert _driven("xuzhou_metro", set=sensors).metrics["speed_error_max_kmh"] < 0.6
+
+
 def test_values_at_the_nodes_keep_integral_and_moment():
     """Samples at nodes that are far apart lose the corners between them, and with them speed and position."""
     nodes, parts = node_times(0.2, 120.0, 32), 4

@@ -303,6 +303,7 @@ class MeasuredMotion:
         """Restart at the next sample, without any estimate."""
         self.observer = self._new_observer()
         self._before: tuple[float, float, float] | None = None
+        self._sample, self._moved = (math.nan, 0.0), 0.0
         self.beyond_reference = self.unexplained = self.passing = 0.0
         self._mean = 0.0
 
@@ -347,6 +348,18 @@ class MeasuredMotion:
             self.observer.speed_noise if self.observer.stands else 0.0
         )
 
+    def _find_resolution(self, place: float, speed: float) -> None:
+        """Take the way that a moving train goes [m] while its measured place stays as the resolution of the place.
+
+        A sample that is repeated with its speed is a lost one, and does not count.
+        """
+        former_place, former_speed = self._sample
+        if place != former_place:
+            self._moved = 0.0
+        elif speed != former_speed:
+            self._moved += max(abs(speed) - 3.0 * self.observer.speed_noise, 0.0) * self._period
+            self.observer.resolution = max(self.observer.resolution, self._moved)
+
     def step(self, inputs: LawInput) -> None:
         """Take the measurements of a control period."""
         model, ahead, observer = self._model, inputs.lookahead, self.observer
@@ -373,8 +386,9 @@ class MeasuredMotion:
             regressor = pull + by_line
             change = 0.0 if simulated.size else (reference - reference_before) / self._period
             force_change = (force - force_before) / model.inertia
+            self._find_resolution(place, speed)
             observer.step(position_error, speed_error, pull - change, regressor, force_change, drive)
-        self._before = (force, resisting, reference)
+        self._before, self._sample = (force, resisting, reference), (place, speed)
         mass_error = self.mass_error
         rest = (observer.mass_error - mass_error) * regressor
         self.unexplained = observer.disturbance + mass_error * by_line + rest

@@ -282,6 +282,8 @@ class MotionObserver:
     ----------
     position_error, speed_error, disturbance, mass_error, disturbance_rate : float
         Estimates: m, m/s, m/s², theta, and m/s³, which is 0 for a train with couplers.
+    resolution : float
+        Smallest step of the measured position, as far as it is seen [m]; its error is uniform.
     """
 
     def __init__(
@@ -306,6 +308,7 @@ class MotionObserver:
         self._noise = np.array([self._filters.position_prior**2, self._speed_prior**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
+        self.resolution = 0.0
         self._runs = self.stands = False
         self._mean = np.zeros(STATES)
         self.position_error = self.speed_error = self.disturbance = self.mass_error = self.disturbance_rate = 0.0
@@ -384,6 +387,7 @@ class MotionObserver:
         if self.stands:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        self._noise[0] = max(self._noise[0], min(self.resolution**2 / 12.0, MAX_NOISE**2))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2) * self._period**2
         jolt = self._waves + (force_change * self._period) ** 2 / 12.0
         self._filter(position, speed, pull, regressor, force, (jolt, self._waves, variance))
