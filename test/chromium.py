@@ -94,7 +94,9 @@ class Page:
         result = self.send("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in result:
             raise RuntimeError(result["exceptionDetails"].get("exception", {}).get("description", "failed"))
-        return result["result"].get("value")
+        found = result["result"]
+        unfit = found.get("unserializableValue")  # of a number that JSON does not have: -0, NaN or an infinite one
+        return found.get("value") if unfit is None else float(unfit)
 
     def wait_for(self, expression: str) -> Any:
         """Wait until an expression is true and return it."""

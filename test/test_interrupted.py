@@ -61,7 +61,7 @@ RUN = ["run", "demo", "--engine", "--rate", "20", "--out", "out"]
 @pytest.mark.parametrize(
     ("arguments", "number"),
     [
-        pytest.param(["compare", "demo", "--laws", "pid,smc", "--out", "out"], signal.SIGINT, id="compare"),
+        pytest.param(["compare", "demo", "--laws", "pid,smc,mpc,lag_smc", "--out", "out"], signal.SIGINT, id="compare"),
         pytest.param(REPRODUCE, signal.SIGINT, id="reproduce"),
         pytest.param(REPRODUCE, signal.SIGTERM, id="reproduce-term"),
         pytest.param(RUN, signal.SIGINT, id="run"),
