@@ -460,7 +460,7 @@ def test_the_commands_end_with_the_status_of_the_checks(kind, component, monkeyp
         ("bad_value:Law", "module 'bad_value' cannot be imported: ValueError: 3, .*bad_value.py:2; correct name"),
         ("bad_exit:Law", "module 'bad_exit' cannot be imported: called sys.exit\\(3\\), .*bad_exit.py:2; "),
         ("bad_text:Law", "module 'bad_text' cannot be imported: SyntaxError: .*bad_text.py, line 2\\); correct name"),
-        ("bad_null:Law", "module 'bad_null' cannot be imported: SyntaxError: source code .*null bytes"),
+        ("bad_null:Law", "module 'bad_null' cannot be imported: (Syntax|Value)Error: source code .*null bytes"),
         ("laws/my_law.py:MyLaw", "'laws/my_law.py:MyLaw' names a file; write my_law:MyLaw, in the folder laws"),
     ],
 )
