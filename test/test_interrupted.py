@@ -245,7 +245,7 @@ def test_a_thread_of_a_law_that_goes_on_is_named(tmp_path: Path) -> None:
     ) as process:
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0
-    assert "train-ato: done, but a law or another component has a thread that goes on: my server; start it with" in err
+    assert "train-ato: ended, but a thread of a law or another component goes on: my server; start it with" in err
 
 
 @pytest.mark.parametrize("then", ["time.sleep(1000)", "pass"], ids=["sleeps", "loops"])

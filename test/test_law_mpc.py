@@ -33,7 +33,7 @@ from train_ato.control.algorithms.train_constants import (
 )  # fmt: skip
 from train_ato.control.mpc.actuator_identification import ActuatorIdentification
 from train_ato.control.mpc.force_plan import ForcePlan, PlanStart, horizon_model, node_times, ramp_response, responses
-from train_ato.control.mpc.measured_motion import MOTION, ModalObserver
+from train_ato.control.mpc.measured_motion import MOTION, MeasuredMotion, ModalObserver
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
 from train_ato.control.mpc.predictive_plan import bounds, decide, free_motion, go_on, node_values
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
@@ -379,6 +379,16 @@ def test_a_coarse_position_does_not_hide_a_departure(quantum):
     """A place that stays while the train moves is no measurement: the speed error was 9 and 53 km/h."""
     sensors = {"plant.sensors.position_quantum": quantum, "plant.sensors.velocity_noise": 0.01, "duration": 40}
     assert _driven("xuzhou_metro", set=sensors).metrics["speed_error_max_kmh"] < 0.6
+
+
+def test_a_sample_that_is_repeated_as_a_whole_is_no_coarse_position():
+    """Breaks if frozen measurements of a moving train teach the filter a step of the position sensor."""
+    motion = MeasuredMotion(_model(), 0.1, omega=0.2, ratio=2.0, weight=0.5, speed_noise=0.01, use_mass=False)
+    motion._sample = 7.0, 20.0
+    motion._find_resolution(7.0, 20.0)
+    assert motion.observer.resolution == 0.0
+    motion._find_resolution(7.0, 20.1)
+    assert motion.observer.resolution == pytest.approx(0.1 * (20.1 - 3.0 * motion.observer.speed_noise))
 
 
 def test_values_at_the_nodes_keep_integral_and_moment():

@@ -156,7 +156,7 @@ def _name_threads_left() -> None:
     def name() -> None:
         time.sleep(LEFT_S)
         if names := ", ".join(dict.fromkeys(thread.name for thread in left if thread.is_alive())):
-            text = f"done, but a law or another component has a thread that goes on: {names}; start it with daemon=True"
+            text = f"ended, but a thread of a law or another component goes on: {names}; start it with daemon=True"
             print_error(text, DONE)
 
     if left:
