@@ -174,16 +174,22 @@ def late_entry(scenario: Scenario) -> str:
         ("faults", "fault"): scenario.faults,
         ("brake.events", "event"): scenario.brake.events,
         ("plant.jumps", "jump"): scenario.plant.jumps,
+        ("plant.disturbances", "disturbance"): scenario.plant.disturbances,
+        ("plant.sensors.freeze", "freeze"): scenario.plant.sensors.freeze,
+        ("plant.sensors.wheel_slip", "slip"): scenario.plant.sensors.wheel_slip,
     }
-    for (key, what), entries in lists.items():
-        for number, entry in enumerate(entries):
-            values = vars(entry)
-            time = next((values[name] for name in ("at", "time", "begin") if values.get(name) is not None), 0.0)
-            if time >= scenario.duration:
-                return (
-                    f"{key}.{number}: the run ends at {number_text(scenario.duration)} s, before the {what} at "
-                    f"{number_text(time)} s; lengthen duration or remove the {what}"
-                )
+    entries = [
+        (f"{key}.{n}", what, vars(entry)) for (key, what), listed in lists.items() for n, entry in enumerate(listed)
+    ]
+    entries += [(f"links.{name}.jump", "jump", vars(link.jump)) for name, link in scenario.links if link.jump]
+    for key, what, values in entries:
+        time = next((values[name] for name in ("at", "time", "begin") if values.get(name) is not None), 0.0)
+        time += (values.get("shift") or 0.0) if "begin" in values else 0.0
+        if time >= scenario.duration:
+            return (
+                f"{key}: the run ends at {number_text(scenario.duration)} s, before the {what} at "
+                f"{number_text(time)} s; lengthen duration or remove the {what}"
+            )
     return ""
 
 
