@@ -239,9 +239,11 @@ def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
     return [(float(times[i]), float(recording.front_position[i]), 600e3 - float(pressure[i])) for i in rows]
 
 
-def own_train(folder: Path, *parts: tuple[str, int]) -> str:
+def own_train(folder: Path, *parts: tuple[str, int], electric: bool = True) -> str:
     """Write a train of vehicles of `demo`; return the file."""
     data = load_consist("hxd1_c80_105").model_dump(mode="json", by_alias=True, exclude_none=True)
+    if not electric:
+        del data["vehicle_types"]["hxd1"]["brake"]
     data["train"] = [{"type": name, "count": count} for name, count in parts]
     (folder / "own.yaml").write_text(yaml.safe_dump(data))
     return str(folder / "own.yaml")
@@ -262,6 +264,29 @@ def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: 
     outcome = run_engine(with_weak_electric_brake(tmp_path))
     ((_, _, reduction),) = changes_of(outcome.recording)
     assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 2.0
+
+
+def without_electric_brake(folder: Path, policy: str, speed_kmh: float, wagons: int) -> RunSetup:
+    consist = own_train(folder, ("hxd1", 1), ("c80", wagons), electric=False)
+    changes = {
+        "duration": 560, "plant": {"consist": consist, "line": "level"}, "brake": {"policy": policy},
+        "profile": {"phases": None, "limits": None, "plan": {"end_km": 4, "speed_max_kmh": speed_kmh}},
+    }  # fmt: skip
+    return setup_of("demo", changes=changes)
+
+
+@pytest.mark.parametrize(("speed_kmh", "wagons"), [(80, 30), (34, 30)])
+def test_a_train_with_the_air_brake_alone_stops_by_it(speed_kmh: float, wagons: int, tmp_path: Path) -> None:
+    """Breaks if it brakes too late, never from below 35 km/h, or is released there for a stop beyond the horizon."""
+    outcome = run_engine(without_electric_brake(tmp_path, "predictive", speed_kmh, wagons))
+    ((_, _, reduction),) = changes_of(outcome.recording)
+    assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 1.0
+
+
+def test_blending_without_an_electric_brake_is_refused(tmp_path: Path) -> None:
+    """Breaks if a policy that never applies the brakes is accepted."""
+    with pytest.raises(ValueError, match=r"blend: train 'hxd1_c80_105' has no electric brake.*; set brake.policy: pre"):
+        without_electric_brake(tmp_path, "blend", 60, 10)
 
 
 @pytest.mark.parametrize(("speed", "demanded"), [(15.0, APPLIED), (8.0, CHARGED)])

@@ -265,7 +265,7 @@ def make_brake_policy(
     Raises
     ------
     ValueError
-        If the train has no air brake, or a reduction exceeds the charged pressure or the table of the train.
+        If the train lacks a brake of the policy, or a reduction exceeds the charged pressure or the table of the train.
     """
     brake = model.consist.air_brake
     if brake is None:
@@ -284,6 +284,11 @@ def make_brake_policy(
     if spec.policy == "trigger":
         return TriggeredBrake(brake.charged, spec.trigger, line)
     if spec.policy == "blend":
+        if not any(each.rows.size for each in model.brake):
+            raise ValueError(
+                f"brake.policy: blend: train '{model.consist.name}' has no electric brake, whose use calls the air "
+                "brake; set brake.policy: predictive or planned"
+            )
         return BlendedBrake(brake.charged, spec.blend, model)
     if spec.policy == "predictive":
         if profile is None:

@@ -47,7 +47,9 @@ class PredictiveRules(SiModel):
     )
     min_application: Time = option(25.0, "least time from an application to its release", ge=0)
     never_below: Annotated[Speed, Usual(0.3, 40)] = option(
-        35 / 3.6, "speed below which no application or release occurs, except for a departure", ge=0
+        35 / 3.6,
+        "speed below which no release occurs, except for a departure, and with an electric brake no application",
+        ge=0,
     )
     electric_use: Ratio = option(0.9, "part of the electric brake in the prediction", gt=0, le=1)
     speed_error: Speed = option(1 / 3.6, "speed error with the cost 1", gt=0)
@@ -111,6 +113,7 @@ class ScheduleForecast:
         self._constant = np.array((
             model.inertia, *model.running, begin, STEP, GAIN, rules.electric_use,
             rules.never_below, rules.speed_error, rules.coupler_max, SPEED_STEP,
+            self._forces[s.BRAKE].any(),
         ), dtype=np.float64)  # fmt: skip
 
     def least_cost(self, schedule: Schedule, reduction: float) -> float:
@@ -129,7 +132,7 @@ class ScheduleForecast:
         t
             Time of the decision [s].
         now
-            Place, speed and unknown force by the names of :mod:`train_ato.control.air_brake.schedule_cost`.
+            Place, speed, unknown force and last stop by the names of :mod:`train_ato.control.air_brake.schedule_cost`.
         reference
             Speeds of the profile at the steps [m/s].
         shoes
@@ -248,7 +251,7 @@ class PredictiveBrake(BrakePolicy):
             if self._reduction > 0.0 and departs(self.state[0], t, velocity, applied):
                 self._set(t, 0.0)
             elif abs(velocity) >= STANDSTILL_SPEED:
-                self._decide(t, np.array((position, velocity, unknown)))
+                self._decide(t, position, velocity, unknown)
             self._shoes.demand(t, self.charged - self._reduction)
         return self.charged - self._reduction
 
@@ -266,9 +269,10 @@ class PredictiveBrake(BrakePolicy):
         rate = self._unknown.step(velocity, mean)
         return model.inertia * min(max(rate, -MAX_UNKNOWN), MAX_UNKNOWN)
 
-    def _decide(self, t: float, now: Array) -> None:
+    def _decide(self, t: float, position: float, velocity: float, unknown: float) -> None:
         """Compare the schedules and take the first action of the best one if it is due."""
-        reference = self._reference(now)
+        reference, stop = self._reference(position)
+        now = np.array((position, velocity, unknown, stop))
         best: Schedule = ()
         lowest = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=())
         for schedule in self._schedules(t, self._latest_release(reference)):
@@ -284,12 +288,21 @@ class PredictiveBrake(BrakePolicy):
         self.state["reduction"], self.state["rest"], self._changed_at = reduction, np.inf, t
         self._shoes.demand(t, self.charged - reduction)
 
-    def _reference(self, now: Array) -> Array:
-        """Return the speeds of the profile at the steps from the present place on [m/s]."""
+    def _reference(self, position: float) -> tuple[Array, int]:
+        """Return the speeds of the profile at the steps from the present place on [m/s], and the step of its last stop.
+
+        A stop that the profile reaches after the horizon without a faster part is that of the last step.
+        """
         profile, count = self._profile, round(self._rules.horizon / STEP) + 1
-        begin = float(np.interp(now[s.AT], profile.position, profile.time))
+        begin = float(np.interp(position, profile.position, profile.time))
         times = np.minimum(begin + STEP * np.arange(count), profile.time[-1])
-        return np.ascontiguousarray(profile.at_times(times)[1])
+        reference = np.ascontiguousarray(profile.at_times(times)[1])
+        later = profile.velocity[profile.time >= times[-1]]
+        slow = np.logical_and.accumulate(later < self._rules.never_below)
+        if (later[slow] <= s.REST_SPEED).any():
+            return reference, count - 1
+        rests = np.flatnonzero(reference <= s.REST_SPEED)
+        return reference, rests.item(-1) if rests.size else 0
 
     def _latest_release(self, reference: Array) -> float:
         """Return the time after which the profile is too slow for a release [s]; the horizon if it never is."""

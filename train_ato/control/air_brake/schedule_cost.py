@@ -18,13 +18,14 @@ from plant_sim.railway import running_resistance, shoe_force
 # Entries of `constant`.
 (
     INERTIA, C0, C1, C2, LINE_BEGIN, STEP, GAIN, ELECTRIC_USE, LOWEST_RELEASE, ERROR, COUPLER_MAX, SPEED_STEP,
-) = range(12)  # fmt: skip
-# Entries of `now`: place of vehicle 0 [m], speed [m/s], unknown force [N].
-AT, SPEED, UNKNOWN = range(3)
+    HAS_ELECTRIC,
+) = range(13)  # fmt: skip
+# Entries of `now`: place of vehicle 0 [m], speed [m/s], unknown force [N], step up to which the profile comes to rest.
+AT, SPEED, UNKNOWN, REST = range(4)
 LIMIT_WEIGHT = 100.0
 """Weight of the squared excess over the speed limit, relative to that of the squared speed error."""
 TRACTION_WEIGHT = 10.0
-"""Weight of traction against the shoes, as a part of the electric brake."""
+"""Weight of traction against the shoes, as a part of the electric brake, or of the shoe force without one."""
 TRAPPED_COST = 1e3
 """Cost per time of applied brakes below the lowest speed of a release, unless they stop the train in the horizon."""
 REST_SPEED = 0.01
@@ -56,8 +57,8 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
     ----------
     constant : Array
         Constants by the names of this module.
-    now : Array, shape (3,)
-        Present place, speed and unknown force.
+    now : Array, shape (4,)
+        Present place, speed and unknown force, and the step of the last stop, up to which applied brakes may stop.
     reference : Array, shape (steps + 1,)
         Reference speed from the present place on [m/s].
     track : Array, shape (2, places)
@@ -75,19 +76,17 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
     -------
     cost : float
         Mean over the steps of the squared speed error in units of ``ERROR``, excess over the speed limit, traction
-        against the shoes as a part of the electric brake, coupler force, and applied brakes at low speed.
+        against the shoes, coupler force, and applied brakes at low speed.
     """
     steps, cost, last = len(slow), 0.0, track.shape[1] - 1
     place, speed = now[AT], now[SPEED]
     h, inertia = constant[STEP], constant[INERTIA]
-    rest, fast = steps, True  # up to the last rest of the profile the train may stop with applied brakes
-    while rest > 0 and reference[rest] > REST_SPEED:
-        rest -= 1
+    fast = True
     for step in range(steps):
         if released[step] and speed < constant[LOWEST_RELEASE]:
             return np.inf
         if applied[step] and (step == 0 or not applied[step - 1]):
-            fast = speed >= constant[LOWEST_RELEASE]
+            fast = speed >= constant[LOWEST_RELEASE] or constant[HAS_ELECTRIC] == 0.0
         factor, shoes = shoe_force(1.0, speed), 0.0
         for force in slow[step]:
             shoes += force
@@ -105,10 +104,11 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
         error = (speed - reference[step + 1]) / constant[ERROR]
         excess = max(speed - track[LIMIT, at], 0.0) / constant[ERROR]
         cost += error * error + LIMIT_WEIGHT * excess * excess
-        if applied[step] and speed < constant[LOWEST_RELEASE] and (step >= rest or not fast):
+        if applied[step] and speed < constant[LOWEST_RELEASE] and (step >= now[REST] or not fast):
             cost += TRAPPED_COST
         if shoes > 0.0 and reference[step + 1] > REST_SPEED:
-            cost += TRACTION_WEIGHT * max(min(force, shoes), 0.0) / max(forces[BRAKE, row], 1.0)
+            braking = max(forces[BRAKE, row], 1.0) if constant[HAS_ELECTRIC] else shoes
+            cost += TRACTION_WEIGHT * max(min(force, shoes), 0.0) / braking
         if shoes > 0.0 or force < 0.0:
             cost += _coupler_load(constant, vehicles, slow[step], factor, shoes, force)
     return cost / steps
