@@ -237,9 +237,10 @@ def test_a_module_that_exits_is_refused(end, kind, tmp_path, monkeypatch, capsys
 
 def test_a_thread_of_a_law_that_goes_on_is_named(tmp_path: Path) -> None:
     """Breaks if a complete run seems to hang: Python waits for the thread before the process ends."""
-    begins = f"threading.Thread(target=time.sleep, args=({2.5 * LEFT_S},), name='my server').start()"
+    goes_on = f"def goes_on():\n    threading.main_thread().join()\n    time.sleep({2.5 * LEFT_S})\n"
+    begins = "threading.Thread(target=goes_on, name='my server').start()"
     law = "from train_ato.control.laws.pid import Pid as Law"
-    (tmp_path / "served.py").write_text(f"import threading, time\n{law}\n{begins}\n")
+    (tmp_path / "served.py").write_text(f"import threading, time\n{law}\n{goes_on}{begins}\n")
     with started(
         tmp_path, "run", "demo", "--engine", "--set=duration=1", "--law", "served:Law", "--out", "out"
     ) as process:
