@@ -127,6 +127,38 @@ def test_traction_that_returns_is_used_again() -> None:
     assert ends[1] < ends[0] - 1.0
 
 
+METRO = str(Path(__file__).parents[1] / "examples" / "metro" / "scenario.yaml")
+WEAK = "plant.jumps=[{at: 5, what: gain, factor: 0.7}]"
+WEAK_FOR_7_S = "plant.jumps=[{at: 5, what: gain, factor: 0.7}, {at: 12, what: gain, factor: 1.4285714}]"
+NO_BRAKE = "plant.jumps=[{at: 80, what: gain, factor: 0.4}, {at: 120, what: gain, factor: 2.5}]"
+
+
+@pytest.mark.parametrize(
+    ("changes", "place", "dwell"),
+    [
+        ((WEAK, "replan={catch_up: true, lateness: 3}", "duration=103"), 1340.0, 20.0),
+        ((WEAK_FOR_7_S, "replan={catch_up: true, retry: 210}", "duration=255"), 2540.0, 25.0),
+        ((NO_BRAKE, "replan={}", "duration=100"), 1340.0, 20.0),
+    ],
+    ids=["early beyond the stop", "retry at the stop", "weak brake"],
+)
+def test_no_plan_leaves_out_a_halt_or_ends_it_early(changes: tuple[str, ...], place: float, dwell: float) -> None:
+    """Breaks if a train at a stop, or some metres beyond it, is planned as one that has departed."""
+    profile = profile_of(drive(METRO, *changes)[2].profiles[-1])
+    halt = (np.abs(profile.position - place) < 0.05) & (profile.velocity == 0.0)
+    assert halt.any() and np.ptp(profile.time[halt]) > dwell - 0.2
+
+
+def test_a_train_is_late_to_its_newest_plan() -> None:
+    """Breaks if the profile before a plan counts: a plan every 5 s, and the reason of a former one."""
+    requests = "ato_requests=[{at: 40, do: disengage}, {at: 100, do: engage}]"
+    _, outcome, notes = drive(METRO, WEAK, requests, "replan={catch_up: true, lateness: 3}", "duration=109")
+    planned = [message.values for message in notes.said if message.message == "following, planned again"]
+    reasons = list(dict.fromkeys(values.get("reason", "engaged").split(";")[0] for values in planned))
+    assert reasons[:2] == ["traction 168.0 kN", "engaged"] and reasons[2].endswith("s late") and len(reasons) == 3
+    assert outcome.summary["replans"] == 1 and len(notes.profiles) == 4
+
+
 FORCES = [
     ("sits below the need", lambda t: 100e3, -0.2, 100e3),
     ("the same with noise", lambda t: 100e3, -0.2, 100e3),

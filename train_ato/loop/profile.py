@@ -135,7 +135,7 @@ class ProfileStage:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
             self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
             self.headway = None  # from here on a plan of its own, which the end of authority limits
-            self._replanner, self._counts = setup.replanner(self.profile), (0, 0)
+            self._replanner, self._counts, self._decision = setup.replanner(self.profile), (0, 0), None
         except ValueError as error:
             self._refusal = str(error)
         return True

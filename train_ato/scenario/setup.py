@@ -425,7 +425,7 @@ class RunSetup:
             return None
         from train_ato.profile.planner.replanner import Replanner  # a late import: it compiles kernels
 
-        replanner = Replanner(spec, profile or self.profile, self.model, self.scenario.profile.plan)
+        replanner = Replanner(spec, profile or self.profile, self.model, self.scenario.profile.plan, self.profile)
         replanner.warm_up()
         return replanner
 

@@ -7,7 +7,7 @@ remembered.
 
 With ``catch_up`` the first profile is no ceiling. The rest of the run returns to the timing points of the plan. The
 reason of the decision names the first window that is lost. With ``lateness`` a late or early train is a sufficient
-reason.
+reason.  A train that overruns a stop keeps its profile up to the end of the halt there.
 
 With ``retry`` the full traction is assumed again after some time.  The full brake is never assumed again, because a
 stop planned with a missing brake would be missed.
@@ -194,6 +194,9 @@ PREDICTION_STEP = 0.05
 """Integration step of the prediction over the lead time [s]."""
 REPEATED_FACTOR = 0.95
 """Factor on a force estimate after a plan with this estimate had a shortfall again."""
+HALT_DISTANCE = 5.0
+"""Largest distance from the profile of a train that waits with it at a stop; a plan there would begin the dwell again
+or leave it out [m]."""
 MIN_LATE_SPEED = 1.0
 """Speed below which a train is not late: the place is no measure of the time at a stop [m/s]."""
 OTHER_DIRECTION_FACTOR = 0.85
@@ -252,6 +255,8 @@ class Replanner:
         Nominal train and line.
     own
         Settings of the scenario's plan; None for a profile from another source.
+    first
+        The profile that a train is late to until it is planned again; differs after an engagement.
 
     Attributes
     ----------
@@ -261,9 +266,12 @@ class Replanner:
         Assumed forces.
     """
 
-    def __init__(self, spec: ReplanSpec, profile: Profile, model: TrainModel, own: PlanSettings | None) -> None:
+    def __init__(
+        self, spec: ReplanSpec, profile: Profile, model: TrainModel, own: PlanSettings | None, first: Profile
+    ) -> None:
         self._spec = spec
         self._initial = self._profile = profile
+        self._timing = first.time, first.position
         self._model = model
         settings = spec.settings(own)
         self._settings = settings.model_copy(update={"air_brake": False})
@@ -276,9 +284,9 @@ class Replanner:
         )
         self._blocked_until = 0
         self._points: tuple[TimingPoint, ...] = ()
+        self._half = model.consist.vehicles[0].length / 2
         if spec.catch_up and own is not None:
-            half = model.consist.vehicles[0].length / 2
-            self._points = scheduled_points(profile, half) if own.allowance else timetable_points(model.line, own)
+            self._points = scheduled_points(profile, self._half) if own.allowance else timetable_points(model.line, own)
         self._lost = ""
         self._pause = spec.interval
         self._retry_at: int | None = None
@@ -315,7 +323,8 @@ class Replanner:
             if decision.profile is None:
                 self.traction, self.brake, self._observed = before
             return decision
-        if self._retry_at is not None and stamp >= self._retry_at and sample.required >= 0.0:
+        halts = sample.speed < MIN_LATE_SPEED and abs(sample.position_error) < HALT_DISTANCE
+        if self._retry_at is not None and stamp >= self._retry_at and sample.required >= 0.0 and not halts:
             self._retry_at, self.traction, self._observed[1] = None, ForceEstimate(), ForceEstimate()
             return self._replanned(measurement.stamp, sample, "full traction assumed again")
         late = self._lateness(stamp, sample)
@@ -328,9 +337,21 @@ class Replanner:
         limit, profile = self._spec.lateness, self._profile
         if limit is None or not self._points or sample.speed < MIN_LATE_SPEED:
             return None
-        place = profile.at(stamp * 1e-9)[0] + sample.position_error
-        late = stamp * 1e-9 - float(np.interp(place, profile.position, profile.time))
-        return late if abs(late) > limit else None
+        now, (times, places) = stamp * 1e-9, self._timing
+        place = profile.at(now)[0] + sample.position_error
+        late = now - float(np.interp(place, places, times))
+        return late if abs(late) > limit and self._overrun(now, place) is None else None
+
+    def _follow(self, rest: Profile) -> None:
+        """Follow a plan from its begin on; the profile before it is ahead of a late train."""
+        self._profile, self._timing = self._profile.followed_by(rest), (rest.time, rest.position)
+
+    def _overrun(self, time: float, place: float) -> float | None:
+        """Return the place of a stop behind a place [m] from which the profile departs after a time [s], or None."""
+        profile = self._profile
+        first = int(np.searchsorted(profile.time, time))
+        stops = profile.position[first:][profile.velocity[first:] == 0.0]
+        return float(stops[0]) if stops.size and stops[0] < place else None
 
     def _sample(self, measurement: Measurement) -> Sample:
         """Return errors and forces of a measurement relative to the profile at its stamp."""
@@ -368,11 +389,12 @@ class Replanner:
         if self._spec.retry is not None and self.traction != ForceEstimate():
             self._retry_at = stamp + round(self._spec.retry * 1e9)
         state = self._predicted_state(stamp, sample, begin)
-        refusal = ""
-        for available in self._candidates():
+        missed, refusal = self._overrun(state.time, state.position), ""
+        if missed is not None:
+            refusal = f"the stop at km {(missed + self._half) / 1000:.3f} is overrun; the halt there is kept"
+        for available in self._candidates() if missed is None else ():
             try:
-                rest = self._plan(state, available)
-                self._profile = self._profile.followed_by(rest)
+                self._follow(self._plan(state, available))
             except ValueError as error:
                 refusal = refusal or str(error)
             else:
