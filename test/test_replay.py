@@ -11,6 +11,7 @@ from recordings import message_counts
 from replay_listener import Listener, Replaying
 from waiting import LIMIT_S
 
+from train_ato.cli.main import main
 from train_ato.log.reading import iter_raw
 from train_ato.messages.codec import stamp_of
 from train_ato.playback.log import ReplayOptions
@@ -29,9 +30,10 @@ def run(demo_run) -> Path:
 @pytest.fixture
 def domain(tmp_path):
     pytest.importorskip("rclpy")
+    from train_ato.ros.graph.domain_lock import TRAINS
     from train_ato.ros.graph.environment import applied, claim_domain, middleware, variables
 
-    with claim_domain() as held:
+    with claim_domain(namespace=TRAINS) as held:  # no run, whose topics are refused
         names = {**variables(held, tmp_path), **middleware(REPLAY_PROFILE)}
         with applied(names):
             yield held
@@ -267,3 +269,22 @@ def test_a_clock_of_its_own_rate(run, listen, domain):
     assert after == sorted(after)
     assert after[-1] <= 15_000_000_000
     assert replaying.outcome.counts == {"/ato/command": 75}
+
+
+@pytest.mark.parametrize("space", ["", "/t1"])
+def test_no_topic_of_a_run_in_progress_is_published(space, run, capfd, monkeypatch):
+    """Breaks if a replay into the domain of a run ends it by a second publisher."""
+    pytest.importorskip("rclpy")
+    from train_ato.ros.graph.environment import claim_domain
+
+    with claim_domain(namespace=space) as held:
+        words = ["replay", str(run), "--rate", "max", "--topics", COMMAND, "--remap"]
+        assert main([*words, f"{COMMAND}:={space}/ato/command", "--domain", str(held)]) == 2
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(held))
+        assert main([*words, f"{COMMAND}:=elsewhere", "--clock"]) == 2
+        refused = capfd.readouterr().err.splitlines()
+        assert [line.split("; give")[0] for line in refused] == [
+            f"train-ato: --domain {held}: a run in progress publishes {space}/ato/command there, and would end",
+            f"train-ato: ROS_DOMAIN_ID {held}: a run in progress publishes /clock there, and would end",
+        ]
+        assert main([*words, f"{COMMAND}:=elsewhere"]) == 0

@@ -7,7 +7,7 @@ rosbag2 are parameters of the node.
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +19,8 @@ from plant_sim.formats.fields import print_assumption
 from plant_sim.units import number_text
 from train_ato.log.mcap_records import RawMessage
 from train_ato.log.reading import MAX_RUN_NS
-from train_ato.playback.log import CLOCK, LogTopic, ReplayLog, ReplayOptions, chosen_topics
+from train_ato.messages.topics import BY_NAME
+from train_ato.playback.log import CLOCK, LogTopic, ReplayLog, ReplayOptions, absolute, chosen_topics
 from train_ato.playback.playback import Playback, ReplayState
 from train_ato.program.errors import FirstFailure
 from train_ato.program.interrupt import interruptible
@@ -410,6 +411,23 @@ def note_far_stamp(run: Path, length: float, options: ReplayOptions) -> None:
         )
 
 
+def refuse_topics_of_runs(domain: int | None, names: Iterable[str]) -> None:
+    """Refuse published names that are topics of a run in the domain: a second publisher would end the run."""
+    from train_ato.ros.graph.domain_lock import TRAINS, locked_runs
+    from train_ato.ros.graph.environment import domain_of_environment
+
+    option = "--domain" if domain is not None else "ROS_DOMAIN_ID"
+    number = domain if domain is not None else domain_of_environment() or 0
+    spaces = {space for held, space in locked_runs() if held == number}
+    for space in spaces - ({"", TRAINS} if TRAINS in spaces else set()):  # the program of several trains has no nodes
+        own = {name if name[0] == "/" else f"{space}/{name}" for name, t in BY_NAME.items() if len(t.publishers) == 1}
+        if taken := sorted(own.intersection(names)):
+            raise ValueError(
+                f"{option} {number}: a run in progress publishes {taken[0]} there, and would end; give another "
+                "--domain, or --remap or --exclude-topics for its topics"
+            )
+
+
 def publish_run(
     run: Path,
     options: ReplayOptions,
@@ -444,7 +462,7 @@ def publish_run(
     Raises
     ------
     ValueError
-        For invalid options, topics not in the log, missing message types, or a damaged log.
+        For invalid options, topics not in the log or of a run in the domain, missing message types, or a damaged log.
     """
     from train_ato.ros.graph.environment import check_domain
 
@@ -454,6 +472,8 @@ def publish_run(
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)
+        names = [absolute(topic.published_as) for topic in topics.values()]
+        refuse_topics_of_runs(domain, [*names, CLOCK] if options.clock_hz is not None else names)
         note_far_stamp(run, log.length, options)
         from train_ato.ros.graph.assembly import executor_of
 
