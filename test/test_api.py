@@ -5,6 +5,7 @@ import importlib
 import importlib.metadata
 import inspect
 import json
+import pickle
 import pydoc
 import signal
 import sys
@@ -452,6 +453,29 @@ def test_a_run_in_a_thread(tmp_path):
     thread.start()
     thread.join(120)
     assert found[0].metrics["status"] == "done"
+
+
+@pytest.mark.parametrize("held", ["in memory", "in a temporary folder", "saved"])
+def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path) -> None:
+    """Breaks if a run from a worker needs the temporary folder of the worker, or a saved one cannot be sent."""
+    run = ta.run("demo", set={"duration": 5}, out=tmp_path / "run" if held == "saved" else None)
+    if held == "in a temporary folder":
+        assert "train/measurement" in run
+    sent, command = pickle.dumps(run), run["ato/command"]
+    del run  # with its temporary folder
+    same = pickle.loads(sent)
+    assert same["ato/command"].equals(command) and same.plot().axes
+    assert same.path == (tmp_path / "run" if held == "saved" else None)
+    assert same.save(tmp_path / "copy") == tmp_path / "copy" and ta.verify(tmp_path / "copy").equal
+
+
+def test_a_saved_run_that_is_moved_is_named(tmp_path: Path) -> None:
+    """Breaks if the reading of a table tries to write the log again."""
+    run = ta.run("demo", set={"duration": 5}, out=tmp_path / "run")
+    (tmp_path / "run").rename(tmp_path / "moved")
+    with pytest.raises(ta.InputError, match=r"run: is no longer there; open its present place with open_run\(\)"):
+        run["train/measurement"]
+    assert not (tmp_path / "run").exists()
 
 
 def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:

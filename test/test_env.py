@@ -289,6 +289,7 @@ def test_options_and_seeds_of_a_reset():
     [
         ([np.nan], "not finite"), (np.inf, "not finite"), ([1.0, 2.0], r"shape \(2,\); give \(1,\)"),
         ([[1.0]], "shape"), ("full", "not a number"), (None, "not finite"), ([], "shape"),
+        ([10**400], "not a number"),
     ],
 )  # fmt: skip
 def test_a_wrong_force_is_refused_before_the_step(force, text):
@@ -387,7 +388,7 @@ def test_a_run_ends_when_its_caller_says_so():
     ("on_tick", "text"),
     [(lambda obs: 1 / 0, r"ZeroDivisionError: division by zero, .*test_env.py:\d+"),
      (lambda obs: [1.0], "not numbers by name"), (lambda obs: {"x": "y"}, "not numbers by name"),
-     (lambda obs: {"x": np.zeros(2)}, "not numbers by name")],
+     (lambda obs: {"x": np.zeros(2)}, "not numbers by name"), (lambda obs: {"x": 10**400}, "not numbers by name")],
 )  # fmt: skip
 def test_a_failure_of_on_tick_is_named(on_tick, text):
     """Breaks if the failure names a law, or the record up to it is lost."""
@@ -498,7 +499,8 @@ def test_wrong_uses_of_a_vector_are_refused_in_one_line():
         with one_line(text):
             wrong()
     envs.reset()
-    for forces, text in (([[1.0]], "shape"), ([[1.0], [np.nan]], "not finite"), ("full", "not numbers")):
+    numbers = ([[1.0]], "shape"), ([[1.0], [np.nan]], "not finite"), ([[1.0], [10**400]], "not numbers")
+    for forces, text in (*numbers, ("full", "not numbers")):
         with pytest.raises(ValueError, match=text):
             envs.step(forces)
     assert envs.step([[0.0], [0.0]])[0][:, 0].tolist() == [0.05, 0.05]

@@ -72,6 +72,23 @@ class RunRecord:
         assert self._folder is not None
         return self._folder.path / "log"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the messages in memory, and the files of a temporary folder; another process may have neither."""
+        assert self._scratch is not None, "a saved run is in its folder"
+        root = Path(self._scratch.name)
+        files = {path.relative_to(root): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+        return {**self.__dict__, "_log": None, "_sink": None, "_scratch": None, "_folder": files}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Write the files into a temporary folder of this process."""
+        self.__dict__ = {**state, "_log": ExitStack(), "_folder": None}
+        self._scratch = tempfile.TemporaryDirectory(prefix="train_ato_run_")
+        for name, data in state["_folder"].items():
+            path = Path(self._scratch.name, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+            self._folder = RunFolder(self.log_folder.parent)
+
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Add one message."""
         if self._sink is not None:
@@ -122,6 +139,8 @@ class RunRecord:
 
     def written(self) -> RunFolder:
         """Return the run folder with its log."""
+        if self.lasting is not None and not self.lasting.is_dir():
+            raise ValueError(f"{self.lasting}: is no longer there; open its present place with open_run()")
         if not self.folder().recorded:
             self.begin_log()
             self.close_log()
@@ -184,6 +203,12 @@ class Run:
         self._tables: Frames | None = None
         self._finished = record is None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for a copy, also in another process; that of a saved run is in its folder."""
+        if self.path is None:
+            return self.__dict__
+        return {**self.__dict__, "_path": self.path.absolute(), "_record": None}
+
     @property
     def path(self) -> Path | None:
         """Run folder; None for a run that is not saved."""
@@ -211,6 +236,7 @@ class Run:
         return self._setup
 
     @property
+    @refusing
     def tables(self) -> Frames:
         """Table of every topic, as :func:`train_ato.load` returns them."""
         if self._tables is None:

@@ -119,7 +119,7 @@ def _assemble(columns: dict[str, Any], period: float | None) -> Profile:
             raise ValueError(f"column '{name}' repeats {quantity}; keep one")
         try:
             found[quantity] = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"column '{name}' contains a value that is not a number; correct it") from None
         factor = UNITS[quantity][name.removeprefix(quantity)]
         if factor != 1.0:

@@ -386,7 +386,7 @@ def signal_texts(signals: Any, source: str) -> dict[str, str]:
         if wrong := [name for name in signals if not isinstance(name, str) or not name]:
             raise ValueError(f"the name {wrong[0]!r} is no text")
         return {name: repr(float(np.asarray(value).item())) for name, value in signals.items()}
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{source}: signals {str(signals)[:60]} are not numbers by name ({error})") from None
 
 

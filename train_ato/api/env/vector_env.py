@@ -390,7 +390,7 @@ class VectorEnv(CallerForces):
         shape = (self.num_envs, self.n_units)
         try:
             forces = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"step: forces {str(given)[:60]!r} are not numbers; give the shape {shape}") from None
         if forces.shape != shape:
             raise ValueError(f"step: forces have the shape {forces.shape}; give {shape}, a row for every train")

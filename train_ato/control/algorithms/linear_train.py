@@ -98,7 +98,7 @@ class LinearTrain:
         """
         try:
             frequencies = np.atleast_1d(np.asarray(omega, dtype=np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             frequencies = np.zeros(1)
         if not (np.isfinite(frequencies).all() and frequencies.all()):
             raise ValueError(f"response: omega {str(omega)[:60]}: give finite frequencies [rad/s] other than 0")
