@@ -107,16 +107,36 @@ def test_ros_that_does_not_load_is_refused_with_the_remedy(mode, tmp_path):
         (["view", "runs/demo-1", "--foxglove"], "bokeh Jinja2 tornado foxglove-sdk"),
         (PLAN, "scipy"),
         (["export", "runs/demo-1", "--csv"], "pyarrow"),
+        (["run", "demo", "--engine"], "matplotlib"),
     ],
 )
 def test_a_missing_extra_is_refused_with_its_command(arguments, packages, monkeypatch, capsys):
     """Breaks if a command without its packages fails with a traceback, starts its work, or names too few packages."""
-    for module in ("bokeh", "jinja2", "tornado", "foxglove", "scipy", "pyarrow"):
+    for module in ("bokeh", "jinja2", "tornado", "foxglove", "scipy", "pyarrow", "matplotlib"):
         monkeypatch.setitem(sys.modules, module, None)
     assert main(arguments) == 2
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1
     assert said.err.endswith(f"not installed; run `pip install {packages}`\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "package", "text"),
+    [
+        (["curves", "demo", "--out=curves.png"], "matplotlib", "raise ImportError('no libpng')"),
+        (["list"], "pydantic", "import no_such_module"),
+    ],
+)
+def test_a_required_package_that_does_not_load_is_named_with_its_command(words, package, text, tmp_path):
+    """Breaks if a package that is damaged or too old gives a traceback."""
+    (tmp_path / package).mkdir()
+    (tmp_path / package / "__init__.py").write_text(f"{text}\n")
+    done = python("-m", "train_ato", *words, folder=tmp_path, PYTHONPATH=f"{tmp_path}{os.pathsep}{ROOT}")
+    (said,) = done.stderr.splitlines()
+    assert re.fullmatch(
+        rf"train-ato: {package} does not load \(.*n?o.*\); run `pip install --force-reinstall {package}`", said
+    )
+    assert (done.returncode, done.stdout) == (2, "")
 
 
 def test_the_guide_installs_every_requirement_without_ros():

@@ -14,7 +14,7 @@ from typing import Any
 from plant_sim.input_error import InputFaults
 from train_ato.program.arguments import BAD_INPUT, OneLineParser, add_option, prepare_streams, shortened
 from train_ato.program.display_units import displayed_in
-from train_ato.program.errors import RunFailed
+from train_ato.program.errors import RunFailed, unloaded_package
 from train_ato.program.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
 from train_ato.program.version import VERSION
 
@@ -199,6 +199,8 @@ def _status_of(error: Exception) -> int:
 
     if (without := missing_ros(error)) is not None:
         return print_error(without, BAD_INPUT)
+    if unloaded := unloaded_package(error):
+        return print_error(unloaded, BAD_INPUT)
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED

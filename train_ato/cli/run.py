@@ -75,7 +75,9 @@ def _run_mode(options: argparse.Namespace) -> RunMode:
     """Return the checked mode of the options, and check their folder."""
     from train_ato.api.drive import RunMode
     from train_ato.log.run_folder import check_free
+    from train_ato.program.errors import check_packages
 
+    check_packages("run", "matplotlib")  # of the figure at the end
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(wanted=options.restart, limit=options.restart_limit)
     run_mode = RunMode(

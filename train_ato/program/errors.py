@@ -1,6 +1,7 @@
 """First failure of a run: node and reason in one line, traceback in a file."""
 
 import re
+import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -14,9 +15,11 @@ from typing import Any, TypeVar, cast
 _OWN = ("train_ato", "plant_sim")
 _PACKAGES = {
     "bokeh": "bokeh", "jinja2": "Jinja2", "tornado": "tornado", "foxglove": "foxglove-sdk", "scipy": "scipy",
-    "pyarrow": "pyarrow",
+    "pyarrow": "pyarrow", "matplotlib": "matplotlib", "pandas": "pandas", "pebble": "pebble", "rainflow": "rainflow",
+    "mcap": "mcap", "zstandard": "zstandard", "rosbags": "rosbags", "rich": "rich", "argcomplete": "argcomplete",
+    "numpy": "numpy", "numba": "numba", "pydantic": "pydantic", "yaml": "PyYAML",
 }  # fmt: skip
-"""Packages of the extras by the name that Python imports."""
+"""Required packages and those of the extras, by the name that Python imports."""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -75,6 +78,21 @@ def missing_packages(*modules: str) -> str:
     missing = [_PACKAGES[name] for name in modules if find_spec(name) is None]
     verb = "is" if len(missing) == 1 else "are"
     return f"{', '.join(missing)} {verb} not installed; run `pip install {' '.join(missing)}`" if missing else ""
+
+
+def unloaded_package(error: Exception) -> str:
+    """Return which required package does not load, and the pip command; "" for another error or a module of a user."""
+    if not isinstance(error, ImportError):
+        return ""
+    passed = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
+    own = {*_OWN, "__main__", *sys.stdlib_module_names}
+    name = next((top for top in (each.partition(".")[0] for each in (*passed, error.name or "")) if top not in own), "")
+    if name not in _PACKAGES:
+        return ""
+    if missing := missing_packages(name):
+        return missing
+    reason, package = str(error).partition("\n")[0], _PACKAGES[name]
+    return f"{name} does not load ({reason}); run `pip install --force-reinstall {package}`"
 
 
 def check_packages(user: str, *modules: str) -> None:
