@@ -359,6 +359,15 @@ def test_two_controllers_are_refused(plant):
     assert "more than one publisher" in bench.watch.failure
 
 
+def test_a_program_in_place_of_a_node_is_missing_by_its_topics(make):
+    """Breaks if the list has the name of the node, which the program need not have."""
+    endpoints = make(Role.PLANT).endpoints
+    assert {"node controller", "node profile"} <= set(endpoints.missing())
+    endpoints.external = Role.CONTROLLER
+    absent = endpoints.missing()
+    assert "a publisher of ato/command (controller)" in absent and "node controller" not in absent
+
+
 def test_pause_step_start_and_stop(plant, setup):
     """Breaks if a step in a pause is answered wrongly, or the time since the tick before counts as its lateness."""
     bench, command = plant
