@@ -227,6 +227,18 @@ def test_the_log_of_a_run_that_goes_on_is_left_alone(tmp_path: Path, capsys: pyt
     assert log_file(tmp_path) == tmp_path / "run.mcap"
 
 
+def test_a_recovered_run_differs_by_what_is_left_out(
+    demo_run: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a recovered log differs without a stated reason."""
+    run = Path(shutil.copytree(demo_run("duration=20"), tmp_path / "run"))
+    whole = (run / "run.mcap").read_bytes()
+    (run / "run.mcap").write_bytes(whole[: 2 * len(whole) // 3])
+    recover(run)
+    assert main(["verify", str(run)]) == 1
+    assert capsys.readouterr().err.endswith("; `train-ato recover` has left out damaged messages of this log\n")
+
+
 def test_recover_overwrites_nothing(tmp_path: Path) -> None:
     """Breaks if a second ``recover`` overwrites the file kept by the first."""
     (tmp_path / "run.mcap.partial").write_bytes(WHOLE[:200_000])

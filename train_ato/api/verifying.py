@@ -9,7 +9,7 @@ from plant_sim.train import compile_kernel
 from train_ato.api.import_csv.run import MEASURED
 from train_ato.api.progress import COMPILE_NOTE, compilation_noted, progress_bar, share_bar
 from train_ato.log.difference import LogComparison, compare_logs
-from train_ato.log.reading import read_log
+from train_ato.log.reading import log_file, read_log
 from train_ato.log.recorded import late_commands, outside_nodes, read_changes, read_recording, read_reports
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.versions import SCENARIO, SUMMARY
@@ -79,10 +79,12 @@ def read_ahead(run: Path, setup: RunSetup) -> tuple[TrainAhead, ...]:
     return tuple(message for _, _, message in read_log(run, Wire(setup.layout).decode, (AHEAD,)))
 
 
-def late_note(run: Path) -> str:
-    """Return the number of late commands of a run without lockstep, "" without one."""
-    late = late_commands(run)
-    return f"; without lockstep, {late} commands were late or missing" if late else ""
+def difference_note(run: Path) -> str:
+    """Return the reasons of differences, left out messages or late commands, "" without one."""
+    log, late = log_file(run), late_commands(run)
+    recovered = log.with_name(f"{log.name}.broken").exists()
+    left = "; `train-ato recover` has left out damaged messages of this log" if recovered else ""
+    return left + (f"; without lockstep, {late} commands were late or missing" if late else "")
 
 
 def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> LogComparison:

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Repeat the run in the engine and compare both logs field by field."""
-    from train_ato.api.verifying import late_note, verify
+    from train_ato.api.verifying import difference_note, verify
 
     if not 0 <= options.relative < 1:
         raise ValueError(f"--relative {options.relative}: out of range; give 0 to below 1, for example 1e-6")
@@ -36,5 +36,5 @@ def execute(options: argparse.Namespace) -> None:
     if not found.equal:
         raise RunFailed(
             f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}"
-            f"{late_note(options.run)}"
+            f"{difference_note(options.run)}"
         )
