@@ -708,6 +708,15 @@ def test_the_feedforward_is_the_planned_force(plan: tuple[TripPlan, dict[str, An
     assert error[100:-100].std() < 10e3  # 4 kN from the places of the vehicles on the grades; 27 kN with the motion
 
 
+def test_the_profile_of_the_plan_replaces_that_of_the_base(
+    plan: tuple[TripPlan, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Breaks if the written scenario is refused, because it has the phases of its base beside the file."""
+    found, plant = plan
+    path, _ = write_trip(found, tmp_path / "based.yaml", "demo", plant, "test")
+    assert setup_of(str(path)).profile.end == pytest.approx(found.profile.end, abs=0.1)
+
+
 def test_the_written_scenario_runs_as_planned(plan: tuple[TripPlan, dict[str, Any]], tmp_path: Path) -> None:
     """Breaks if the motion of the couplings is converted to traction and braking again."""
     found, plant = plan

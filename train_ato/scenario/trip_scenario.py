@@ -19,6 +19,7 @@ from plant_sim.line import Line
 from train_ato.profile.file import write_profile
 from train_ato.profile.trip.plan import TripPlan
 from train_ato.program.errors import refused_unwritten
+from train_ato.scenario.profile_spec import SOURCES
 from train_ato.scenario.scenario import raw_scenario
 from train_ato.scenario.scenario_files import SCHEMA
 
@@ -94,6 +95,8 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
     if plan.displacements:
         data["unit_displacements"] = [_Row(entry.model_dump(mode="json")) for entry in plan.displacements]
     if base is not None:
+        former = raw_scenario(base)[1].get("profile") or {}
+        data["profile"] = {**{key: None for key in former if key in (*SOURCES, "since", "until")}, **data["profile"]}
         return {"base": base, **data, **_other_plant(base, plant)}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}
 
