@@ -140,6 +140,13 @@ def test_a_table_with_marks_at_the_ends_of_its_rows(tmp_path: Path) -> None:
     assert read_line(tmp_path / "a.yaml").line == line, "YAML and JSON too"
 
 
+def test_a_file_in_another_encoding_is_refused_with_its_remedy(tmp_path: Path) -> None:
+    """Breaks if the refusal of JSON in Latin-1 has no word on its encoding."""
+    (tmp_path / "a.json").write_text('{"id": "Gr\u00fcn"}', encoding="latin-1")
+    with pytest.raises(ValueError, match="not UTF-8 text; save it as UTF-8, or give"):
+        load_line(str(tmp_path / "a.json"))
+
+
 EAST = 1 / (6_378_137.0 / math.sqrt(1 - 6.694379990141e-3 * math.sin(math.radians(48)) ** 2))
 """Longitude of 1 m on the parallel of 48° over its cosine [rad]."""
 

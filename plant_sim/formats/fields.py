@@ -115,7 +115,9 @@ def read_any(path: Path) -> Any:
     try:
         text = decoded(read_bytes(path), latin=False)
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: {_kind_of(path, 'not UTF-8 text')}; {_GIVE}") from None
+        kind = kind_by_ending(path)
+        problem = f"{kind} is not read; " if kind else "not UTF-8 text; save it as UTF-8, or "
+        raise ValueError(f"{path}: {problem}{_GIVE}") from None
     try:
         data = parse_json(text) if path.suffix.lower() == ".json" else parse_yaml(text)
     except ValueError as error:
@@ -148,7 +150,7 @@ def _kind_of(path: Path, data: Any) -> str:
         return "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx"
     if data is None:
         return "is empty"
-    return "not UTF-8 text" if data == "not UTF-8 text" else f"holds {kind_of(data)} in place of keys and values"
+    return f"holds {kind_of(data)} in place of keys and values"
 
 
 class Fields:
