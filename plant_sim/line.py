@@ -134,6 +134,8 @@ ROUNDING = 1e-6
 """Rounding of places [m]."""
 ROUNDING_STEP = 0.25e-3
 """Largest step of the grade within a vertical curve."""
+MAX_LENGTH = 20e6
+"""Largest length of a line, half way around the Earth [m]; the model has a table with a place every metre."""
 MAX_GRADE = 0.5
 """Largest plausible grade; a larger one is probably in per mille without the suffix."""
 
@@ -366,6 +368,9 @@ class Line(SiModel):
                 f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; write distances that "
                 "rise in the direction of running"
             )
+        if self.end - self.begin > MAX_LENGTH:
+            length = number_text((self.end - self.begin) / 1000)
+            raise ValueError(f"a line of {length} km, at most {MAX_LENGTH / 1000:.0f} km; check the unit of end")
         for name in ("grades", "vertical_curves", "speed_limits", "stops", "coordinates"):
             if fault := order_fault([entry.at for entry in getattr(self, name)], self.end):
                 raise ValueError(f"{name}{fault}")

@@ -17,6 +17,8 @@ from plant_sim.units import Force, ForceRate, Length, Number, Place, Ratio, Spee
 
 MAX_START_SPEED = 300.0
 """Largest initial speed [m/s]."""
+MAX_LAG = 600.0
+"""Largest time constant of an actuator [s]."""
 MAX_ODOMETER_ERROR = 0.05
 """Largest relative error of an odometer: SUBSET-041, 5.3.1.1."""
 
@@ -231,8 +233,8 @@ class PlantSetup(SiModel):
     @model_validator(mode="after")
     def _lags_and_jumps(self) -> PlantSetup:
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag,)
-        if any(lag < 0 for lag in lags):
-            raise ValueError(f"lag {min(lags):g} s is negative; give 0 or more")
+        if wrong := [lag for lag in lags if not 0 <= lag <= MAX_LAG]:
+            raise ValueError(f"lag {wrong[0]:g} s: give 0 to {MAX_LAG:g} s; check its unit")
         for jump in self.jumps:
             if jump.what == "lag" and not any(lags):
                 raise ValueError("a jump of lag multiplies the lag, which is 0; give a lag")

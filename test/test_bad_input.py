@@ -338,7 +338,7 @@ def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:
     assert json.loads(shell("train-ato list --json", tmp_path, PYTHONIOENCODING="ascii").stdout)
 
 
-def test_a_full_disk_and_sys_exit_in_a_component_are_failures(monkeypatch, capsys):
+def test_a_full_disk_little_memory_and_sys_exit_in_a_component_are_failures(monkeypatch, capsys):
     """Breaks if a failed write has the status of a wrong argument, or ``sys.exit(0)`` of a user that of success."""
 
     def execute(options: object) -> int:
@@ -347,6 +347,9 @@ def test_a_full_disk_and_sys_exit_in_a_component_are_failures(monkeypatch, capsy
     monkeypatch.setattr("train_ato.cli.list.execute", execute)
     assert main(["list"]) == 1
     assert capsys.readouterr().err == "train-ato: out/run.mcap: No space left on device\n"
+    monkeypatch.setattr("train_ato.cli.list.execute", lambda options: bytearray(2**62))
+    assert main(["list"]) == 1
+    assert capsys.readouterr().err == "train-ato: not enough memory; check the units of the largest values\n"
     monkeypatch.setattr("train_ato.cli.list.execute", lambda options: sys.exit(0))
     assert main(["list"]) == 1 and "called sys.exit(0)" in capsys.readouterr().err
 

@@ -98,6 +98,9 @@ def test_lag_per_unit() -> None:
     assert plant.applied == pytest.approx([50e3, 50e3 * (1 - np.exp(-1)), 50e3 * (1 - np.exp(-0.5))], rel=1e-6)
     with pytest.raises(ValueError, match="lag has 2 entries"):
         train(load_consist("crh380a_three_units"), LEVEL, lag=[0.1, 0.2])
+    for lag in (-0.1, 601.0):
+        with pytest.raises(ValueError, match=f"lag {lag:g} s: give 0 to 600 s"):
+            train(load_consist("crh380a_three_units"), LEVEL, lag=[0.1, lag, 0.2])
 
 
 def test_mismatch_changes_the_plant() -> None:

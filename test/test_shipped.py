@@ -363,6 +363,7 @@ def test_daqin_section_has_the_described_shape() -> None:
     [
         ("text: [", "line 1"), ("[1, 2]", "keys and values"), ("end_km: 1\ngradez: []", "gradez"), ("", "end"),
         ("end: -5", "end -5 m must be beyond begin 0 m"), ("end: .nan", "end"),
+        ("end_km: 54000", r"a line of 54000 km, at most 20000 km; check the unit of end"),
         ("schema: train_ato/line/9\nname: x\nend: 5", "schema"), ("end: 5\nend_km: 1", "the same quantity"),
         ("end: 5\ngrades: [{at: 0, grade: 12}]", "write grade_permille"),
     ],

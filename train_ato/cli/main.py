@@ -204,6 +204,8 @@ def _status_of(error: Exception) -> int:
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED
+    if isinstance(error, MemoryError):
+        return print_error("not enough memory; check the units of the largest values", FAILED)
     if isinstance(error, OSError):
         return print_error(error, BAD_INPUT if error.errno == errno.ENAMETOOLONG else FAILED)
     raise error

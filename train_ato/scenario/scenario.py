@@ -17,7 +17,7 @@ from plant_sim.consist import Consist
 from plant_sim.formats.fields import print_assumption
 from plant_sim.input_error import build_model, explain
 from plant_sim.line import Line
-from plant_sim.plant_setup import PlantSetup
+from plant_sim.plant_setup import MAX_LAG, PlantSetup
 from plant_sim.si_model import SiModel, Source, Summary, option, unusual_values
 from plant_sim.units import Place, Time, Usual, number_text
 from train_ato.control.air_brake.policy import BrakeSpec
@@ -65,7 +65,7 @@ class ModelBlock(SiModel):
         None, "delay of commands below 0 in the model; default: as in the links", example=0.5
     )
     lag: Annotated[Time | None, Usual(1e-3, 60)] = option(
-        None, "time constant of the actuators in the model; default: as in the plant", example=0.3, ge=0
+        None, "time constant of the actuators in the model; default: as in the plant", example=0.3, ge=0, le=MAX_LAG
     )
     learned: str | LearnedResistance | None = option(
         None, "resistance by place from former runs, a file of `train-ato learn`; default: none", example="learned.yaml"
