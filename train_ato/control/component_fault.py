@@ -200,16 +200,13 @@ def answer_fault(compensation: Any, found: str) -> str:
 def _step_of(law: Any, *methods: str) -> tuple[str, str]:
     """Return file and line of a method, by default the step, outside of this project after a comma, and its name."""
     if is_own(law):
+        project = inspect.getfile(RunFailed).rpartition("/train_ato/")[0] + "/train_ato/"
         names = methods or ("step", "demand")
         for name, method in ((name, vars(each).get(name)) for each in type(law).__mro__ for name in names):
             code = getattr(method, "__code__", None)
-            if code is not None and not code.co_filename.startswith(_project_folder()):
+            if code is not None and not code.co_filename.startswith(project):
                 return f", {code.co_filename}:{code.co_firstlineno}", name
     return "", "step"
-
-
-def _project_folder() -> str:
-    return inspect.getfile(RunFailed).rpartition("/train_ato/")[0] + "/train_ato/"
 
 
 def unless_raised(result: Any) -> Any:
