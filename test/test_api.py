@@ -316,12 +316,14 @@ def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept,
     assert isinstance(caught.value, ta.RunFailed) and "\n" not in str(caught.value)
     assert ("; recorded data: " in str(caught.value)) == (kept and status == "interrupted")
     run = caught.value.run
+    sent = pickle.dumps(run)
     assert run.metrics["status"] == status
     # after a failure the last command is held for a second, then the run ends at standstill
     assert run["train/measurement"].index[-1] == pytest.approx(3.2 if status == "failed" else 2.1)
     assert ('raise ZeroDivisionError("late")' in run.traceback) == (status == "failed")
     assert run.plot().axes and run.save(tmp_path / "saved").is_dir()
     assert (run.path != tmp_path / "run") and (tmp_path / "run").exists() == kept
+    assert ta.open_run(pickle.loads(sent).save(tmp_path / "sent")).setup.line == run.setup.line
 
 
 def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):

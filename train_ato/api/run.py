@@ -77,17 +77,17 @@ class RunRecord:
         assert self._scratch is not None, "a saved run is in its folder"
         root = Path(self._scratch.name)
         files = {path.relative_to(root): path.read_bytes() for path in root.rglob("*") if path.is_file()}
-        return {**self.__dict__, "_log": None, "_sink": None, "_scratch": None, "_folder": files}
+        return {**self.__dict__, "_log": None, "_sink": None, "_scratch": files, "_folder": self._folder is not None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Write the files into a temporary folder of this process."""
-        self.__dict__ = {**state, "_log": ExitStack(), "_folder": None}
+        self.__dict__ = {**state, "_log": ExitStack()}
         self._scratch = tempfile.TemporaryDirectory(prefix="train_ato_run_")
-        for name, data in state["_folder"].items():
+        self._folder = RunFolder(self.log_folder.parent) if state["_folder"] else None
+        for name, data in state["_scratch"].items():
             path = Path(self._scratch.name, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-            self._folder = RunFolder(self.log_folder.parent)
 
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Add one message."""
