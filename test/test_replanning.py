@@ -159,6 +159,15 @@ def test_a_train_is_late_to_its_newest_plan() -> None:
     assert outcome.summary["replans"] == 1 and len(notes.profiles) == 4
 
 
+def test_a_train_that_is_engaged_again_returns_to_the_times_of_its_allowance() -> None:
+    """Breaks if the plan after the engagement, which is late, becomes the timetable."""
+    requests = "ato_requests=[{at: 20, do: disengage}, {at: 40, do: engage}]"
+    plan = "profile.plan={end_km: 2.6, allowance: [{share_percent: 25}]}"
+    setup, _, notes = drive(METRO, plan, requests, "replan={catch_up: true, lateness: 3}", "duration=50")
+    engaged, late = (profile_of(message).end for message in notes.profiles[1:])
+    assert late == pytest.approx(setup.profile.end, abs=0.2) and engaged > late + 5.0
+
+
 FORCES = [
     ("sits below the need", lambda t: 100e3, -0.2, 100e3),
     ("the same with noise", lambda t: 100e3, -0.2, 100e3),

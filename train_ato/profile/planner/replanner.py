@@ -256,7 +256,7 @@ class Replanner:
     own
         Settings of the scenario's plan; None for a profile from another source.
     first
-        The profile that a train is late to until it is planned again; differs after an engagement.
+        The profile with the timetable, which a train is late to until it is planned again; differs after an engagement.
 
     Attributes
     ----------
@@ -286,7 +286,7 @@ class Replanner:
         self._points: tuple[TimingPoint, ...] = ()
         self._half = model.consist.vehicles[0].length / 2
         if spec.catch_up and own is not None:
-            self._points = scheduled_points(profile, self._half) if own.allowance else timetable_points(model.line, own)
+            self._points = scheduled_points(first, self._half) if own.allowance else timetable_points(model.line, own)
         self._lost = ""
         self._pause = spec.interval
         self._retry_at: int | None = None
