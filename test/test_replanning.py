@@ -278,6 +278,15 @@ def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run
     assert replay_open_loop(setup, engine_run).summary()["difference_max_kn"] == 0
 
 
+def test_a_profile_that_runs_backwards_is_not_planned_again() -> None:
+    """Breaks if a plan leaves out the part that runs backwards: a profile of 137 s ended after 650 s."""
+    parts = ("cruise_for: 2", *(f"accelerate_to_kmh: {speed}}}, {{brake_to: 0" for speed in (30, -20)))
+    profile = f"profile={{start_km: 1, phases: [{', '.join(f'{{{part}}}' for part in parts)}]}}"
+    assert setup_of("xuzhou_metro", profile).profile.velocity.min() < -5.0
+    with pytest.raises(ValueError, match=r"replan: the profile runs backwards at [\d.]+ s, .*; remove replan"):
+        setup_of("xuzhou_metro", profile, "replan={}")
+
+
 def test_null_survives_the_resolved_scenario_and_no_block_is_no_replanner() -> None:
     """Breaks if ``jerk: null`` (no limit) is lost in the resolved scenario, or a run without the block replans."""
     setup = setup_of("xuzhou_metro", "replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}")

@@ -83,7 +83,7 @@ def difference_note(run: Path) -> str:
     """Return the reasons of differences, left out messages or late commands, "" without one."""
     log, late = log_file(run), late_commands(run)
     recovered = log.with_name(f"{log.name}.broken").exists()
-    left = "; `train-ato recover` has left out damaged messages of this log" if recovered else ""
+    left = "; `train-ato recover` may have left out damaged messages of this log" if recovered else ""
     return left + (f"; without lockstep, {late} commands were late or missing" if late else "")
 
 

@@ -27,7 +27,7 @@ from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.gains import Gains, advice
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, GivenComponent, Registry, started
-from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Array, TrainAhead
@@ -114,6 +114,14 @@ def check_replan(scenario: Scenario, layout: TrainLayout) -> None:
         raise ValueError(
             "replan: catch_up: true: the profile has no timetable; add profile.plan.time, .allowance or .points"
         )
+
+
+def check_forwards(scenario: Scenario, profile: Profile) -> None:
+    """Check that a profile that may be planned again has no part that runs backwards, which a plan would leave out."""
+    back = np.flatnonzero(profile.velocity < -STANDSTILL_SPEED)
+    if scenario.replan is not None and back.size:
+        begin = number_text(float(profile.time[back[0]]))
+        raise ValueError(f"replan: the profile runs backwards at {begin} s, and a plan runs forwards; remove replan")
 
 
 def check_leader(setup: RunSetup) -> None:
@@ -472,6 +480,7 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None, *, r
         setup = _prepare(scenario, path.parent, parts or PartCache())
         if not recorded:
             check_evaluation(setup.scenario, setup.profile)
+            check_forwards(setup.scenario, setup.profile)
         return setup
     except ValueError as error:
         message = str(error)
