@@ -38,6 +38,7 @@ from train_ato.profile.trip.settings import TripSettings
 from train_ato.program.errors import RunInterrupted
 from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario, raw_scenario
+from train_ato.scenario.scenario_files import SCHEMA
 from train_ato.scenario.trip_scenario import FINAL_GAINS, final_gains, write_trip
 
 
@@ -711,10 +712,14 @@ def test_the_feedforward_is_the_planned_force(plan: tuple[TripPlan, dict[str, An
 def test_the_profile_of_the_plan_replaces_that_of_the_base(
     plan: tuple[TripPlan, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """Breaks if the written scenario is refused, because it has the phases of its base beside the file."""
+    """Breaks if the written scenario is refused, for the phases of its base beside the file, or moved or cut."""
     found, plant = plan
-    path, _ = write_trip(found, tmp_path / "based.yaml", "demo", plant, "test")
-    assert setup_of(str(path)).profile.end == pytest.approx(found.profile.end, abs=0.1)
+    base = tmp_path / "base.yaml"
+    base.write_text(f"{{schema: {SCHEMA}, name: base, base: demo, profile: {{start_km: 1, since_min: 0.5}}}}")
+    path, _ = write_trip(found, tmp_path / "based.yaml", str(base), plant, "test")
+    profile = setup_of(str(path)).profile
+    assert profile.end == pytest.approx(found.profile.end, abs=0.1)
+    assert profile.position[0] == pytest.approx(found.profile.position[0], abs=0.1)
 
 
 def test_the_written_scenario_runs_as_planned(plan: tuple[TripPlan, dict[str, Any]], tmp_path: Path) -> None:

@@ -96,7 +96,8 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
         data["unit_displacements"] = [_Row(entry.model_dump(mode="json")) for entry in plan.displacements]
     if base is not None:
         former = raw_scenario(base)[1].get("profile") or {}
-        data["profile"] = {**{key: None for key in former if key in (*SOURCES, "since", "until")}, **data["profile"]}
+        replaced = (*SOURCES, "start", "since", "until")  # also as start_km or since_min
+        data["profile"] = {**{key: None for key in former if key.partition("_")[0] in replaced}, **data["profile"]}
         return {"base": base, **data, **_other_plant(base, plant)}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}
 
