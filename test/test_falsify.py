@@ -18,9 +18,18 @@ from train_ato.api.scenario_choice import choose_scenario
 from train_ato.cli import main
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.dimensions import read_dimensions
+from train_ato.scenario.scenario_data import PartCache
 from train_ato.studies.falsify import study
 from train_ato.studies.falsify.search import FalsificationSearch, GaussianProcess, SearchSpace, search_space
-from train_ato.studies.falsify.study import RUNS_TABLE, Falsification, TargetRun, requirement_target, write_study
+from train_ato.studies.falsify.study import (
+    RUNS_TABLE,
+    Falsification,
+    TargetRun,
+    requirement_target,
+    run_target,
+    write_study,
+)
+from train_ato.studies.sweep.row import drive_point
 
 MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
 DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}
@@ -181,6 +190,16 @@ def test_every_run_is_written_when_it_ends(cheap: str, tmp_path: Path, monkeypat
     assert main(["falsify", cheap, "--requirement", "G speed < 1000 km/h", *options]) == 0
     assert written == [1, 2, 3, 4, 4]
     assert json.loads((tmp_path / "out" / "falsify.json").read_text())["interrupted"] is False
+
+
+def test_the_runs_of_a_study_have_no_line_on_an_entry_after_their_end(cheap: str, capsys) -> None:
+    """Breaks if a search, or every worker of a sweep, prints a line for each of its runs."""
+    gust = {"kind": "gust", "begin": 1, "end": 90, "acceleration": 0.001}
+    choice, late = choose_scenario(cheap).with_({"plant.disturbances": [gust]}), {"plant.disturbances.0.begin": 21.5}
+    run_target(choice, requirement_target(SLOW, choice.checked), late)
+    assert drive_point(choice, 1, late, PartCache())["status"] == "done" and capsys.readouterr().err == ""
+    choice.with_(late).prepare()
+    assert "before the disturbance at 21.5 s" in capsys.readouterr().err
 
 
 def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:

@@ -132,14 +132,22 @@ class ScenarioChoice:
         return ScenarioChoice(self._given, self.path, data, (*self._changes, *(("--set", text) for text in texts)))
 
     def prepare(
-        self, scenario: Scenario | None = None, parts: PartCache | None = None, *, recorded: bool = False
+        self,
+        scenario: Scenario | None = None,
+        parts: PartCache | None = None,
+        *,
+        recorded: bool = False,
+        noted: bool = True,
     ) -> RunSetup:
-        """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs."""
+        """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs.
+
+        Without ``noted``, as for one of the many runs of a study, an entry after the end of the run has no line.
+        """
         try:
             setup = prepare(scenario or self.checked, self.path, parts, recorded=recorded)
         except ValueError as error:
             raise self._caused(error) from None
-        if not recorded and (late := late_entry(setup.scenario)):
+        if noted and not recorded and (late := late_entry(setup.scenario)):
             print_assumption(f"{setup.scenario.name}: {late}")
         return setup
 

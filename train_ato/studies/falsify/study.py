@@ -143,7 +143,7 @@ def run_target(choice: ScenarioChoice, target: RequirementTarget, changes: Chang
         If Ctrl-C ended the run.
     """
     try:
-        setup = choice.with_(changes).prepare()
+        setup = choice.with_(changes).prepare(noted=False)
     except ValueError as error:
         return TargetRun(math.nan, f"refused: {error}")
     result = run_engine(setup)
