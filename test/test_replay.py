@@ -281,10 +281,11 @@ def test_no_topic_of_a_run_in_progress_is_published(space, run, capfd, monkeypat
         words = ["replay", str(run), "--rate", "max", "--topics", COMMAND, "--remap"]
         assert main([*words, f"{COMMAND}:={space}/ato/command", "--domain", str(held)]) == 2
         monkeypatch.setenv("ROS_DOMAIN_ID", str(held))
-        assert main([*words, f"{COMMAND}:=elsewhere", "--clock"]) == 2
+        assert main([*words, f"{COMMAND}:={space}/clock"]) == 2
         refused = capfd.readouterr().err.splitlines()
         assert [line.split("; give")[0] for line in refused] == [
             f"train-ato: --domain {held}: a run in progress publishes {space}/ato/command there, and would end",
-            f"train-ato: ROS_DOMAIN_ID {held}: a run in progress publishes /clock there, and would end",
+            f"train-ato: ROS_DOMAIN_ID {held}: a run in progress publishes {space}/clock there, and would end",
         ]
+        assert main([*words, f"{COMMAND}:=elsewhere", "--clock"]) == (0 if space else 2)  # the clock of no namespace
         assert main([*words, f"{COMMAND}:=elsewhere"]) == 0

@@ -420,7 +420,7 @@ def refuse_topics_of_runs(domain: int | None, names: Iterable[str]) -> None:
     number = domain if domain is not None else domain_of_environment() or 0
     spaces = {space for held, space in locked_runs() if held == number}
     for space in spaces - ({"", TRAINS} if TRAINS in spaces else set()):  # the program of several trains has no nodes
-        own = {name if name[0] == "/" else f"{space}/{name}" for name, t in BY_NAME.items() if len(t.publishers) == 1}
+        own = {f"{space}/{name.removeprefix('/')}" for name, topic in BY_NAME.items() if len(topic.publishers) == 1}
         if taken := sorted(own.intersection(names)):
             raise ValueError(
                 f"{option} {number}: a run in progress publishes {taken[0]} there, and would end; give another "
