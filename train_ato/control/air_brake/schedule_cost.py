@@ -27,7 +27,7 @@ LIMIT_WEIGHT = 100.0
 TRACTION_WEIGHT = 10.0
 """Weight of traction against the shoes, as a part of the electric brake, or of the shoe force without one."""
 TRAPPED_COST = 1e3
-"""Cost per time of applied brakes below the lowest speed of a release, unless they stop the train in the horizon."""
+"""Cost per time of applied brakes below the lowest speed of a release, unless they last to a stop of the profile."""
 REST_SPEED = 0.01
 """Speed of the profile below which the train is at rest [m/s]."""
 # Rows of `track`: line force on the train and speed limit, on the grid of the model.
