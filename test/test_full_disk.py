@@ -99,6 +99,7 @@ def test_every_writer_that_finds_no_room_names_its_file(tmp_path: Path, monkeypa
             (f"train-ato: {place}", f"train-ato: OUT {place}", "train-ato: --rerun", "train-ato: the pa")
         )
         assert known and "File too large" in line, (place, done.stderr)
+    assert lines[0].endswith("; name another place with --out")
     assert not [path for path in Path().glob("?.*") if path.name not in ("s.yaml", "o.yaml")]
 
 
@@ -176,6 +177,71 @@ def test_a_full_disk_is_named_with_a_process_for_each_node(tmp_path: Path) -> No
         assert main(["info", str(disk / "run")]) == 0
     finally:
         subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+COPIES = {
+    "export r --scene --out o3d": "train-ato: o3d/run.mcap.partial: writing failed (File too large); make room there",
+    "recover cut": "train-ato: cut: cannot be written (File too large); make room there, or recover a copy in another "
+    "folder",
+}
+"""Command that copies a log, with its line."""
+
+
+@pytest.mark.parametrize("command", COPIES)
+def test_a_copy_of_a_log_without_room_has_a_remedy_that_works(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if `recover` of the incomplete copy is the remedy: the copy is removed."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "demo", "--engine", "--set=duration=5", "--out=r"]) == 0
+    Path("cut").mkdir()
+    Path("cut/run.mcap.partial").write_bytes(Path("r/run.mcap").read_bytes())
+    done = run(20_000, *command.split())
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (1, COPIES[command])
+    assert [path.name for path in Path("cut").iterdir()] == ["run.mcap.partial"] and not Path("o3d").exists()
+
+
+@pytest.mark.parametrize("way", ["engine", "composed"])
+def test_a_run_without_room_for_the_begin_of_its_log_leaves_nothing(way: str, tmp_path: Path) -> None:
+    """Breaks if an empty log stays, with `recover` as remedy, which refuses it."""
+    if way == "composed":
+        pytest.importorskip("rclpy")
+    options = ["--engine"] if way == "engine" else []
+    done = run(9_500, "run", "demo", *options, "--out", str(tmp_path / "out"))
+    said = done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and "run.mcap.partial: cannot be written (File too large); make room" in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_sweep_without_room_for_its_figures_names_its_runs(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    """Breaks if the line of a figure has neither the kept runs nor the way to go on."""
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "out/box.png")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("train_ato.studies.sweep.result.SweepResult.figures", no_room)
+    Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3, 0.4]}, set: {duration: 2}}")
+    assert main(["sweep", "s.yaml", "--jobs=1", "--out=out"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "train-ato: out/box.png: No space left on device; 2 finished runs are in out; make room and repeat the command "
+        "to go on"
+    )
+
+
+def test_new_files_without_room_for_all_leave_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the first file stays: the repeated command refuses it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Path, "replace", lambda path, target: _moved(path, target))
+    assert main(["new", "scenario", "my_metro"]) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def _moved(path: Path, target: Path) -> Path:
+    """Rename a file, for all but the train."""
+    if target.name == "train.yaml":
+        raise OSError(errno.ENOSPC, "No space left on device")
+    return path.rename(target)
 
 
 @pytest.mark.parametrize(("largest", "name"), [(300, "reproduce.json"), (29_000, "paper002.json")])

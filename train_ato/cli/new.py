@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from contextlib import ExitStack
 from functools import partial
 from importlib.util import find_spec
 from keyword import iskeyword
@@ -43,9 +44,12 @@ def execute(options: argparse.Namespace) -> None:
         check_new_file(path, (path.suffix,), "NAME")
     if options.kind in CODE_KINDS and (iskeyword(options.name) or _is_module(options.name)):
         raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
-    for path, text in texts.items():
-        with refused_unwritten(path, "choose another folder"):
-            write_whole(path, text)
+    with ExitStack() as made:
+        for path, text in texts.items():
+            with refused_unwritten(path, "choose another folder"):
+                write_whole(path, text)
+            made.callback(path.unlink)
+        made.pop_all()  # the files stay only together: the command could not be repeated beside some of them
     text = "".join(f"{path}\n" for path in texts) + f"next: {following}\n"
     print_result({"files": [str(path) for path in texts], "next": following}, text, as_json=options.json)
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json
 from train_ato.program.arguments import add_option
-from train_ato.program.errors import check_packages
+from train_ato.program.errors import check_packages, refused_unwritten
 
 if TYPE_CHECKING:
     from train_ato.report.page_data import PageData
@@ -44,7 +44,8 @@ def execute(options: argparse.Namespace) -> None:
         pages = read(request, show)
         show("drawing the page")
         single = len(pages) == 1
-        size = write_run(pages[0], request.page) if single else write_comparison_page(pages, request.page)
+        with refused_unwritten(request.page, "name another place with --out"):
+            size = write_run(pages[0], request.page) if single else write_comparison_page(pages, request.page)
         figures = write_figures(request, pages, show)
     result: dict[str, Any] = {
         "report": str(request.page),

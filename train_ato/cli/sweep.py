@@ -61,7 +61,7 @@ def execute(options: argparse.Namespace) -> None:
     )
     folder = folder or SweepFolder.opened(options.out)
     result = prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
-    with activity("drawing the figures"):
+    with folder.full_disk_told(), activity("drawing the figures"):
         figures = result.figures(folder.path, options.metric, options.border)
     _print(result, folder, figures, options.metric, as_json=options.json)
     failed = result.table[result.table["status"] == "failed"]

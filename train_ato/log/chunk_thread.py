@@ -22,9 +22,19 @@ Entry = tuple[int, int, int, bytes]
 
 
 class Unwritten(OSError):
-    """Failure to write a log. The node that it names is the recorder, whatever stage of the engine has written."""
+    """Failure to write a log. The node that it names is the recorder, whatever stage of the engine has written.
+
+    Attributes
+    ----------
+    reason : str
+        What the system says.
+    """
 
     node = "recorder"
+
+    def __init__(self, text: str, reason: str) -> None:
+        super().__init__(text)
+        self.reason = reason
 
 
 class ChunkThread:
@@ -40,6 +50,8 @@ class ChunkThread:
         Name of the file for the text of a failure.
     chunk_size
         Size at which a chunk is closed [bytes].
+    remedy
+        Remedy of a failed write.
 
     Attributes
     ----------
@@ -49,12 +61,13 @@ class ChunkThread:
         Reason of a failed write; nothing is written after it.
     """
 
-    def __init__(self, writer: McapWriter, raw: IO[bytes], name: str, chunk_size: int) -> None:
+    def __init__(self, writer: McapWriter, raw: IO[bytes], name: str, chunk_size: int, remedy: str) -> None:
         self.lock = threading.Lock()
         self.failure: str | None = None
         self._writer = writer
         self._raw = raw
         self._name = name
+        self._reason, self._remedy = "", remedy
         self._limit = chunk_size
         self._full: OpenChunk | None = None
         self._written = threading.Condition(self.lock)
@@ -177,15 +190,15 @@ class ChunkThread:
         """Raise the failure of the file, if there is one."""
         if self.failure is not None:
             self._raised = True
-            raise Unwritten(self.failure)
+            raise Unwritten(self.failure, self._reason)
 
     def _give_up(self, error: Exception) -> None:
         """Store the failure and close the file without further writing."""
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        self._reason = (isinstance(error, OSError) and error.strerror) or str(error)
         if not Path(self._name).exists():
             self.failure = f"{self._name}: was removed during the run; nothing is recorded"
         else:
-            self.failure = f"{self._name}: writing failed ({reason}); `train-ato recover` reads the rest"
+            self.failure = f"{self._name}: writing failed ({self._reason}); {self._remedy}"
         self._raw.close()
 
 

@@ -60,11 +60,13 @@ class LogFile:
         ``none``, ``fast`` or ``small``.
     wall_time
         Wall time of the recording, for the metadata record.
+    remedy
+        Remedy of a failed write; that of a copy does not name its incomplete file, which is removed.
 
     Raises
     ------
     ValueError
-        If the folder already has a log or cannot be written.
+        If the folder already has a log or cannot be written, or has no room for the begin of the log.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class LogFile:
         chunk_size: int = CHUNK,
         compression: str = DEFAULT,
         wall_time: WallTime | None = None,
+        remedy: str = "make room there",
     ) -> None:
         self.path = folder / name
         self.wall_time = wall_time
@@ -92,8 +95,9 @@ class LogFile:
         self._channels: list[tuple[str, str, str, str, str]] = []
         self.closed = False
         self._writer = McapWriter(self._stream, "ros2", "train_ato", compression)
-        self._chunks = ChunkThread(self._writer, self._raw, str(self._partial), chunk_size)
-        self._chunks.guard(lambda: self._begin(attachments or {}))
+        self._chunks = ChunkThread(self._writer, self._raw, str(self._partial), chunk_size, remedy)
+        with refused_unwritten(self._partial, "make room there, or name another folder", left=self._partial):
+            self._begin(attachments or {})
         self._chunks.start()
 
     @property
@@ -211,7 +215,8 @@ class RunLog(LogFile):
         timed: bool = True,
     ) -> None:
         wall_time = WallTime.now() if timed else None
-        super().__init__(folder, attachments, compression=compression, wall_time=wall_time)
+        remedy = "`train-ato recover` reads the rest" if timed else "make room there"
+        super().__init__(folder, attachments, compression=compression, wall_time=wall_time, remedy=remedy)
         self.numbers: dict[str, int] = {}
         for topic in topics:
             if topic.recorded:

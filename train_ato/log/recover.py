@@ -164,18 +164,26 @@ def recover(file: Path, progress: Progress | None = None) -> Recovered:
     kept = source if converted else target.with_name(f"{target.name}.broken")
     if not converted and kept.exists():
         raise ValueError(f"{kept}: exists already; move it away first")
-    try:
-        with tempfile.TemporaryDirectory(dir=source.parent, prefix=".recover-") as scratch:
-            messages, lost = _rewrite(source, Path(scratch), target.name, progress)
-            bag = belongs(target.parent / METADATA, target.name)
-            if not converted:
-                source.rename(kept)
-            (Path(scratch) / target.name).rename(target)
-            if bag:
-                shutil.move(Path(scratch) / METADATA, target.parent / METADATA)
-    except OSError as error:
-        raise OSError(f"{source.parent}: cannot be written ({error.strerror or error})") from None
+    with _written(source.parent), tempfile.TemporaryDirectory(dir=source.parent, prefix=".recover-") as scratch:
+        messages, lost = _rewrite(source, Path(scratch), target.name, progress)
+        bag = belongs(target.parent / METADATA, target.name)
+        if not converted:
+            source.rename(kept)
+        (Path(scratch) / target.name).rename(target)
+        if bag:
+            shutil.move(Path(scratch) / METADATA, target.parent / METADATA)
     return Recovered(target, kept, messages, lost)
+
+
+@contextmanager
+def _written(folder: Path) -> Iterator[None]:
+    """Give the errors of the block, which writes into a folder, the name of the folder and a remedy."""
+    try:
+        yield
+    except OSError as error:
+        reason = getattr(error, "reason", None) or error.strerror or error
+        remedy = "make room there, or recover a copy in another folder"
+        raise OSError(f"{folder}: cannot be written ({reason}); {remedy}") from None
 
 
 def _names(file: Path) -> tuple[Path, Path]:
@@ -222,10 +230,8 @@ def _metadata_again(log: Path, messages: int) -> Recovered:
     """Write a missing or damaged ``metadata.yaml`` of an undamaged log."""
     file = log.parent / METADATA
     there = file.exists()
-    try:
+    with _written(log.parent):
         kept = rewritten(log) if belongs(file, log.name) else None
-    except OSError as error:
-        raise OSError(f"{log.parent}: cannot be written ({error.strerror or error})") from None
     if kept is None:
         raise ValueError(f"{log}: is undamaged; there is nothing to recover")
     return Recovered(log, kept if there else None, messages, 0, metadata_only=True)
