@@ -458,13 +458,15 @@ def test_a_run_in_a_thread(tmp_path):
 
 
 @pytest.mark.parametrize("held", ["in memory", "in a temporary folder", "saved"])
-def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path) -> None:
-    """Breaks if a run from a worker needs the temporary folder of the worker, or a saved one cannot be sent."""
-    run = ta.run("demo", set={"duration": 5}, out=tmp_path / "run" if held == "saved" else None)
+def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a run from a worker needs the temporary or the present folder of the worker, or cannot be sent."""
+    monkeypatch.chdir(tmp_path)
+    run = ta.run("demo", set={"duration": 5}, out="run" if held == "saved" else None)
     if held == "in a temporary folder":
         assert "train/measurement" in run
     sent, command = pickle.dumps(run), run["ato/command"]
     del run  # with its temporary folder
+    monkeypatch.chdir("/")
     same = pickle.loads(sent)
     assert same["ato/command"].equals(command) and same.plot().axes
     assert same.path == (tmp_path / "run" if held == "saved" else None)

@@ -239,11 +239,11 @@ def changes_of(recording: Recording) -> list[tuple[float, float, float]]:
     return [(float(times[i]), float(recording.front_position[i]), 600e3 - float(pressure[i])) for i in rows]
 
 
-def own_train(folder: Path, *parts: tuple[str, int], electric: bool = True) -> str:
-    """Write a train of vehicles of `demo`; return the file."""
+def own_train(folder: Path, *parts: tuple[str, int]) -> str:
+    """Write a train of vehicles of `demo`, or `pulls`, its locomotive without electric brake; return the file."""
     data = load_consist("hxd1_c80_105").model_dump(mode="json", by_alias=True, exclude_none=True)
-    if not electric:
-        del data["vehicle_types"]["hxd1"]["brake"]
+    kinds = data["vehicle_types"]
+    kinds["pulls"] = {key: value for key, value in kinds["hxd1"].items() if key != "brake"}
     data["train"] = [{"type": name, "count": count} for name, count in parts]
     (folder / "own.yaml").write_text(yaml.safe_dump(data))
     return str(folder / "own.yaml")
@@ -266,8 +266,8 @@ def test_a_train_with_a_weak_electric_brake_stops_with_applied_brakes(tmp_path: 
     assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 2.0
 
 
-def without_electric_brake(folder: Path, policy: str, speed_kmh: float, wagons: int) -> RunSetup:
-    consist = own_train(folder, ("hxd1", 1), ("c80", wagons), electric=False)
+def to_km_4(folder: Path, policy: str, speed_kmh: float, *parts: tuple[str, int]) -> RunSetup:
+    consist = own_train(folder, *parts)
     changes = {
         "duration": 560, "plant": {"consist": consist, "line": "level"}, "brake": {"policy": policy},
         "profile": {"phases": None, "limits": None, "plan": {"end_km": 4, "speed_max_kmh": speed_kmh}},
@@ -278,15 +278,17 @@ def without_electric_brake(folder: Path, policy: str, speed_kmh: float, wagons: 
 @pytest.mark.parametrize(("speed_kmh", "wagons"), [(80, 30), (34, 30)])
 def test_a_train_with_the_air_brake_alone_stops_by_it(speed_kmh: float, wagons: int, tmp_path: Path) -> None:
     """Breaks if it brakes too late, never from below 35 km/h, or is released there for a stop beyond the horizon."""
-    outcome = run_engine(without_electric_brake(tmp_path, "predictive", speed_kmh, wagons))
+    outcome = run_engine(to_km_4(tmp_path, "predictive", speed_kmh, ("pulls", 1), ("c80", wagons)))
     ((_, _, reduction),) = changes_of(outcome.recording)
     assert reduction == 50e3 and abs(outcome.summary["stop_error_m"]) < 1.0
 
 
 def test_blending_without_an_electric_brake_is_refused(tmp_path: Path) -> None:
-    """Breaks if a policy that never applies the brakes is accepted."""
+    """Breaks if a policy that never applies the brakes is accepted, or refused for a train with one electric brake."""
     with pytest.raises(ValueError, match=r"blend: train 'hxd1_c80_105' has no electric brake.*; set brake.policy: pre"):
-        without_electric_brake(tmp_path, "blend", 60, 10)
+        to_km_4(tmp_path, "blend", 60, ("pulls", 1), ("c80", 10))
+    model = to_km_4(tmp_path, "blend", 60, ("pulls", 1), ("hxd1", 1)).model
+    assert [brake.rows.size > 0 for brake in model.brake] == [False, True]
 
 
 @pytest.mark.parametrize(("speed", "demanded"), [(15.0, APPLIED), (8.0, CHARGED)])

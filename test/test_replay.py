@@ -289,3 +289,5 @@ def test_no_topic_of_a_run_in_progress_is_published(space, run, capfd, monkeypat
         ]
         assert main([*words, f"{COMMAND}:=elsewhere", "--clock"]) == (0 if space else 2)  # the clock of no namespace
         assert main([*words, f"{COMMAND}:=elsewhere"]) == 0
+        diagnostics = ["/diagnostics" if word == COMMAND else word for word in words]  # of several nodes
+        assert main([*diagnostics, "/diagnostics:=/diagnostics"]) == 0
