@@ -21,7 +21,7 @@ from pydantic import field_validator, model_validator
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import total_of_units
-from plant_sim.record import Records, quantity
+from plant_sim.record import Records, quantity, records_of
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Force, Number, Pressure, Ratio, Speed, Time, Usual
 from train_ato.control.air_brake import schedule_cost as s
@@ -110,11 +110,13 @@ class ScheduleForecast:
         self._vehicles = np.zeros((2, len(vehicles)))
         self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
         self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
-        self._constant = np.array((
-            model.inertia, *model.running, begin, STEP, GAIN, rules.electric_use,
-            rules.never_below, rules.speed_error, rules.coupler_max, SPEED_STEP,
-            self._forces[s.BRAKE].any(),
-        ), dtype=np.float64)  # fmt: skip
+        c0, c1, c2 = model.running
+        constants = s.ForecastConstants(
+            inertia=model.inertia, c0=c0, c1=c1, c2=c2, line_begin=begin, step=STEP, gain=GAIN,
+            electric_use=rules.electric_use, lowest_release=rules.never_below, error=rules.speed_error,
+            coupler_max=rules.coupler_max, speed_step=SPEED_STEP, has_electric=bool(self._forces[s.BRAKE].any()),
+        )  # fmt: skip
+        self._constants = records_of(s.ForecastConstants, [constants])
 
     def least_cost(self, schedule: Schedule, reduction: float) -> float:
         """Return a lower bound of the cost: that of the applications alone."""
@@ -123,7 +125,14 @@ class ScheduleForecast:
         return self._rules.application_cost * begun.count(True)
 
     def cost(
-        self, t: float, now: Array, reference: Array, shoes: ShoeForecast, *, reduction: float, schedule: Schedule
+        self,
+        t: float,
+        now: Records[s.ForecastNow],
+        reference: Array,
+        shoes: ShoeForecast,
+        *,
+        reduction: float,
+        schedule: Schedule,
     ) -> float:
         """Return the mean cost of a schedule.
 
@@ -132,7 +141,7 @@ class ScheduleForecast:
         t
             Time of the decision [s].
         now
-            Place, speed, unknown force and last stop by the names of :mod:`train_ato.control.air_brake.schedule_cost`.
+            Present state of the train.
         reference
             Speeds of the profile at the steps [m/s].
         shoes
@@ -152,7 +161,7 @@ class ScheduleForecast:
             released[first : first + 1] |= to == 0.0
         slow = copy.slow_forces_at(t + self._times - 0.5 * STEP)
         cost: float = s.schedule_cost(
-            self._constant, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
+            self._constants, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
         )
         return cost + self.least_cost(schedule, reduction)
 
@@ -272,7 +281,7 @@ class PredictiveBrake(BrakePolicy):
     def _decide(self, t: float, position: float, velocity: float, unknown: float) -> None:
         """Compare the schedules and take the first action of the best one if it is due."""
         reference, stop = self._reference(position)
-        now = np.array((position, velocity, unknown, stop))
+        now = records_of(s.ForecastNow, [s.ForecastNow(position, velocity, unknown, stop)])
         best: Schedule = ()
         lowest = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=())
         for schedule in self._schedules(t, self._latest_release(reference)):

@@ -6,12 +6,14 @@ the recharge pause are an extension for long trains with an automatic air brake.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from plant_sim.record import records_of
 from train_ato.messages.types import Array
 from train_ato.profile.trip import search as s
-from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, Integers, ReducedTrain
+from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, ReducedTrain
 from train_ato.profile.trip.settings import TripSettings
 
 ROLLING = 0.7
@@ -20,7 +22,7 @@ LEVELS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0])
 """Fractions of traction (> 0) and electric brake (< 0) in the search."""
 FINE_LEVELS = np.linspace(1.0, -1.0, 81)
 """The same in the forward pass."""
-Tables = tuple[Array, Array, Array, Integers, Array, Array]
+Tables = tuple[Array, Array, Array, Any, Array, Any]
 """Arguments of the compiled search: cells, drives, shoes, ranges, couplers, constants."""
 QUASI_STATIC = 0.75
 """Part of the largest coupler force permitted in the first search; the rest is for the motion between the vehicles."""
@@ -100,23 +102,24 @@ class JourneySearch:
         self._train, self._settings = train, settings
         self._shoes, self._ranges = _brake_states(train, settings.air_brake.pause)
         self._supplies = _supplies(train, self._shoes, self._ranges)
+        self._oldest = math.ceil(settings.air_brake.min_application / AGE_STEP)
         rows = s.TRACTION + 2.0 * train.section
         self._cells = np.vstack((train.line_force, train.limit[1:], rows, train.couplers.line_force))
         self._drives = np.vstack((train.running, *(row for pair in train.drives for row in pair)))
 
-    def _constants(self, price: float) -> Array:
+    def _constants(self, price: float) -> Any:
+        """Return the records of the constants for a price of time [J/s]."""
         train, settings = self._train, self._settings
-        constant = np.zeros(s.CONSTANTS)
-        constant[[s.INERTIA, s.CELL_LENGTH, s.SPEED_GRID, s.AGE_GRID]] = train.inertia, train.cell, SPEED_STEP, AGE_STEP
-        constant[[s.PRICE, s.RECOVERED, s.ROLLING]] = price, settings.recovered, ROLLING
-        constant[[s.END_ENERGY, s.APPLICATION]] = 0.5 * settings.final_speed**2, APPLICATION_PRICE
-        constant[s.OLDEST] = np.ceil(settings.air_brake.min_application / AGE_STEP)
-        constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
-        constant[s.COUPLER_LIMIT] = self._coupler_limit
+        constants = s.SearchConstants(
+            inertia=train.inertia, cell_length=train.cell, speed_grid=SPEED_STEP, age_grid=AGE_STEP, price=price,
+            recovered=settings.recovered, rolling=ROLLING, end_energy=0.5 * settings.final_speed**2,
+            application=APPLICATION_PRICE, oldest=self._oldest, release_speed=settings.air_brake.min_release_speed,
+            coupler_limit=self._coupler_limit,
+        )  # fmt: skip
         if self._supplies.size > 1:
-            constant[[s.MIN_SUPPLY, s.SUPPLY_GRID]] = self._supplies[0], self._supplies[1] - self._supplies[0]
-            constant[[s.RECHARGE, s.WAVE_LOSS]] = train.reservoirs.recharge, train.reservoirs.wave_loss
-        return constant
+            constants.recharge, constants.wave_loss = train.reservoirs.recharge, train.reservoirs.wave_loss
+            constants.min_supply, constants.supply_grid = self._supplies[0], self._supplies[1] - self._supplies[0]
+        return records_of(s.SearchConstants, [constants])
 
     def journey(self, price: float) -> Journey:
         """Return the journey of least work plus price [J/s] times time.
@@ -126,8 +129,8 @@ class JourneySearch:
         ValueError
             With the place at which train and brakes permit no continuation.
         """
-        constant = self._constants(price)
-        tables = (self._cells, self._drives, self._shoes, self._ranges, self._train.couplers.constant, constant)
+        ranges, constants = records_of(s.BrakeRange, self._ranges), self._constants(price)
+        tables = (self._cells, self._drives, self._shoes, ranges, self._train.couplers.constant, constants)
         value = s.solve_values(self._supplies, LEVELS, *tables)
         return self._forward(value, tables)
 
@@ -149,8 +152,8 @@ class JourneySearch:
             shoe = supply * float(np.interp(state, np.arange(self._shoes.shape[1]), self._shoes[s.SHOE_FORCE]))
             rows.append((speed, time, force, shoe))
             duration = 2.0 * train.cell / (speed + after)
-            supply = s.later_supply(state, supply, duration, self._shoes, self._ranges, tables[-1])
-            state = s.older_state(state, duration, self._ranges, AGE_STEP)
+            supply = s.later_supply(state, supply, duration, self._shoes, tables[3], tables[-1])
+            state = s.older_state(state, duration, tables[3], AGE_STEP)
             speed, time = after, time + duration
         table = np.array(rows)
         place: Array = train.begin + train.cell * np.arange(train.cells + 1, dtype=np.float64)
@@ -163,14 +166,13 @@ class JourneySearch:
         self, speed: float, k: int, state: float, supply: float, value: Array, tables: Tables
     ) -> tuple[float, float, float, float]:
         """Return brake state, cost [J], force [N] and next speed [m/s] of the best continuation."""
-        constant = tables[-1]
         choices = [(state, 0.0)]
-        for row in self._ranges.tolist():
+        for row in self._ranges:
             if state == 0.0:
-                choices.append((float(row[s.APPLIED_FIRST]), constant[s.APPLICATION]))
-            old = min(row[s.APPLIED_FIRST] + constant[s.OLDEST], row[s.APPLIED_LAST])
-            if old <= state <= row[s.APPLIED_LAST] and speed >= constant[s.RELEASE_SPEED]:
-                choices.append((float(row[s.RELEASED_FIRST]), 0.0))
+                choices.append((float(row.applied_first), APPLICATION_PRICE))
+            old = min(row.applied_first + self._oldest, row.applied_last)
+            if old <= state <= row.applied_last and speed >= self._settings.air_brake.min_release_speed:
+                choices.append((float(row.released_first), 0.0))
         found = []
         for choice, price in choices:
             cost, force, after = s.best_force(speed, k, choice, supply, value, FINE_LEVELS, *tables)
@@ -179,13 +181,13 @@ class JourneySearch:
 
     def _reduction_of(self, state: float) -> float:
         """Return the reduction of the brake pipe in a brake state [Pa]."""
-        for row, response in zip(self._ranges.tolist(), self._train.responses, strict=True):
-            if row[s.APPLIED_FIRST] <= state <= row[s.APPLIED_LAST]:
+        for row, response in zip(self._ranges, self._train.responses, strict=True):
+            if row.applied_first <= state <= row.applied_last:
                 return response.reduction
         return 0.0
 
 
-def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Integers]:
+def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, list[s.BrakeRange]]:
     """Return the rows of the brake states for the search and the ranges of the states.
 
     The rows are the shoe force at standstill with full reservoirs, that of the complete application, the part of the
@@ -198,24 +200,24 @@ def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Integers]:
         longer = count - response.release.size
         first = len(force)
         middle = first + response.apply.size
-        ranges.append((first, middle - 1, middle, middle + count - 1))
+        ranges.append(s.BrakeRange(first, middle - 1, middle, middle + count - 1))
         force += [*response.apply.tolist(), *response.release.tolist(), *[0.0] * longer]
         ahead += [response.apply_ahead, response.release_ahead, np.repeat(none, longer, axis=0)]
         largest += [float(response.apply[-1])] * (response.apply.size + count)
         used += [response.used] * (response.apply.size + count)
     rows = np.vstack(([*force, 0.0], [*largest, 1.0], [*used, 0.0], np.vstack([*ahead, none]).T))
-    return rows, np.array(ranges, dtype=np.int64).reshape(-1, 4)
+    return rows, ranges
 
 
-def _supplies(train: ReducedTrain, shoes: Array, ranges: Integers) -> Array:
+def _supplies(train: ReducedTrain, shoes: Array, ranges: list[s.BrakeRange]) -> Array:
     """Return the supplies of the search, from that of endless applications with the shortest pause to 1."""
-    if train.reservoirs.recharge == 0.0 or not len(ranges):
+    if train.reservoirs.recharge == 0.0 or not ranges:
         return np.ones(1)
     lowest = 1.0
-    for row in ranges.tolist():
-        pause = AGE_STEP * (row[s.RELEASED_LAST] - row[s.RELEASED_FIRST])
+    for row in ranges:
+        pause = AGE_STEP * (row.released_last - row.released_first)
         missing = min(train.reservoirs.wave_loss * math.exp(-pause / train.reservoirs.recharge), 1.0)
-        left = 1.0 - float(shoes[s.USED, row[s.APPLIED_FIRST]])
+        left = 1.0 - float(shoes[s.USED, row.applied_first])
         lowest = min(lowest, (1.0 - missing) / (1.0 - left * missing))
     return np.linspace(lowest, 1.0, SUPPLIES)
 
