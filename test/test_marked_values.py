@@ -19,7 +19,7 @@ from test_foreign_files import STOCK, TUNNELS, UNIT_TRAIN, quantity
 from test_networks import LOOP, RAIL_2, RAIL_LOOP, located, part, with_profile
 from test_readers import BENCH, NAMED, PATH, TRAIN
 
-from plant_sim.formats.railml_collection import tag_of
+from plant_sim.formats.railml_collection import Entry
 from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.library import load_consist, load_line
 from train_ato.api.import_csv.recording import MeasuredCheck
@@ -216,7 +216,7 @@ def test_every_attribute_of_a_railml_file_is_used_or_named(tmp_path: Path, text:
     parents: dict[ElementTree.Element, str] = {root: ""}
     for element in root.iter():
         for entry in element:
-            parents[entry] = f"{parents[element]}.{tag_of(entry)}".lstrip(".").removeprefix("infrastructure.")
+            parents[entry] = f"{parents[element]}.{Entry(entry, '').tag}".lstrip(".").removeprefix("infrastructure.")
     for element, place in parents.items():
         for key, value in element.attrib.items():
             number = value.lstrip("-").replace(".", "", 1).isdigit()

@@ -16,59 +16,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from plant_sim.formats.fields import known_text, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, network_line, steps
-from plant_sim.formats.railml2 import as_version_3
-from plant_sim.formats.railml_collection import (
-    NetElement,
-    children,
-    choice_of,
-    elements_below,
-    entry_of,
-    flag_of,
-    names_lost,
-    number_of,
-    parts_of,
-    read_root,
-    version_of,
-)
+from plant_sim.formats.railml2 import read_railml
+from plant_sim.formats.railml_collection import Entry, NetElement, parts_of, read_root
 from plant_sim.formats.railml_location import Location, grades, joined, radii
 from plant_sim.line import Line
 from plant_sim.units import number_text
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 CROSS_SECTION_RANGE = (1.0, 1000.0)
 """Plausible cross section of a tunnel [m²]."""
 
 
-def tunnels(infrastructure: Element, location: Location, path: TrackPath) -> list[dict[str, Any]]:
+def tunnels(infrastructure: Entry, location: Location, path: TrackPath) -> list[dict[str, Any]]:
     """Return the tunnels on a path by rising distance; one without a cross section adds no resistance."""
     place, found = path.network.place, []
-    for crossing in elements_below(infrastructure, "overCrossing"):
+    for crossing in infrastructure.below("overCrossing"):
         if crossing.get("constructionType") != "tunnel":
             continue
-        drag = next(elements_below(crossing, "tunnelResistance"), None)
+        drag = next(crossing.below("tunnelResistance"), None)
         air: dict[str, float] = {"resistance_n_per_kn": 0.0}
-        if drag is not None and drag.get("crossSection") is not None:
-            air = {"cross_section": number_of(drag, "crossSection", place, *CROSS_SECTION_RANGE)}
+        if drag is not None and "crossSection" in drag:
+            air = {"cross_section": drag.number("crossSection", *CROSS_SECTION_RANGE)}
         extents = sorted((begin, end) for begin, end, _ in location.ranges(crossing, path))
-        name = f"{place}: tunnel {crossing.get('id', '')}"
+        name = f"{place}: tunnel {crossing.get('id')}"
         if extents and "cross_section" not in air:
             print_assumption(f"{name}: it has no cross section; no additional resistance in it")
         found += [{"begin": begin, "end": end, **air} for begin, end in joined(extents)]
     return sorted(found, key=lambda entry: (entry["begin"], entry["end"]))
 
 
-def neutral_sections(infrastructure: Element, location: Location, path: TrackPath) -> list[dict[str, Any]]:
+def neutral_sections(infrastructure: Entry, location: Location, path: TrackPath) -> list[dict[str, Any]]:
     """Return the sections of a path without traction power by rising distance; none for a path without any data."""
     listed: list[Range] = []
-    for section in elements_below(infrastructure, "electrificationSection"):
-        insulated = flag_of(section, "isInsulatedSection", location.place)
-        value = 0.0 if insulated or section.get("contactLineType", "").lower() == "none" else 1.0
+    for section in infrastructure.below("electrificationSection"):
+        insulated = section.flag("isInsulatedSection")
+        value = 0.0 if insulated or section.get("contactLineType").lower() == "none" else 1.0
         listed += [Range(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
     dead = joined(path.without_power(listed, "electrificationSection"))
     return [{"begin": begin, "end": end} for begin, end in dead]
@@ -110,6 +95,8 @@ UNITS = {
 NEEDS = (("load", "axleLoad", "axle_load_t"), ("braking", "minimumBrakePercentage", "brake_percentage"))
 """Element and attribute of a speed profile, and the figure of a train."""
 NAVIGABILITY = ("None", "Both", "AB", "BA")
+WHOLE = {"netElementRef", "keepsOrientation", "id"}
+"""Attributes of a location on a net element as a whole."""
 
 
 def is_railml(path: Path) -> bool:
@@ -120,7 +107,7 @@ def is_railml(path: Path) -> bool:
 def holds_stock(path: Path) -> bool:
     """Return True for a file with rolling stock and without an infrastructure."""
     root = read_root(path)
-    infrastructure, stock = (next(elements_below(root, tag), None) for tag in ("infrastructure", "rollingstock"))
+    infrastructure, stock = (next(root.below(tag), None) for tag in ("infrastructure", "rollingstock"))
     return infrastructure is None and stock is not None
 
 
@@ -129,35 +116,33 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
 
     A path is ``FROM..TO``, net elements or operational points; ``against`` runs it from ``TO`` to ``FROM``.
     """
-    place, root = str(path), read_root(path)
-    version, lost = version_of(root), None
-    if version == "2":
-        root, lost = as_version_3(root, place)
-    found = list(elements_below(root, "infrastructure"))
+    place = str(path)
+    root, form, left = read_railml(path, CARRIED)
+    found = list(root.below("infrastructure"))
     if len(found) > 1:
         raise ValueError(f"{place}: infrastructure: {len(found)} elements of this name; keep one")
     if not found:
         if holds_stock(path):
             raise ValueError(f"{place}: holds a train (railML), no line; exchange them")
         raise ValueError(f"{place}: infrastructure: this element is missing; give one with it")
-    infrastructure, units = found[0], _units(root, place)
-    elements = _net_elements(infrastructure, units, place)
-    higher = {entry.get("id", "") for part in elements_below(infrastructure, "topology") for entry in part.iter()}
-    network = _network(infrastructure, elements, higher, place)
+    infrastructure, units = found[0], _units(root)
+    elements = _net_elements(infrastructure, units)
+    higher = {entry.get("id", "") for part in infrastructure.below("topology") for entry in part.element.iter()}
+    network = _network(infrastructure, elements, higher)
     network.groups = {name: element.parts for name, element in elements.items() if element.ordered}
     location = Location(elements, network, higher, units)
-    for point in elements_below(infrastructure, STATION):
+    for point in infrastructure.below(STATION):
         spots = location.spots(point)
         if spots:
             network.named.setdefault(_name_of(point), []).extend(spots)
         else:
-            print_assumption(f"{entry_of(point, place)}: it has no spotLocation on a netElement and is left out")
+            print_assumption(f"{point.place}: it has no spotLocation on a netElement and is left out")
     way = network.path(selection, against=against)
-    profiles = _profiles(root, place)
+    profiles = _profiles(root)
     speeds, by_category, restrictions = _speeds(infrastructure, location, way, profiles)
     line = network_line(
         way,
-        f"railML {version} infrastructure",
+        f"{form} infrastructure",
         selection,
         against=against,
         grades=grades(infrastructure, location, way),
@@ -171,7 +156,7 @@ def railml_line(path: Path, selection: str = "", *, against: bool = False) -> tu
         by_category=by_category,
         needs={profile.category: profile.needs for profile in profiles.values() if profile.needs},
     )
-    return line, f"railML {version}", names_lost(root, CARRIED) if lost is None else lost
+    return line, form, left
 
 
 class _Profile(NamedTuple):
@@ -182,29 +167,26 @@ class _Profile(NamedTuple):
     lowers: bool
 
 
-def _profiles(root: Element, place: str) -> dict[str, _Profile]:
+def _profiles(root: Entry) -> dict[str, _Profile]:
     """Return the speed profiles by their identifier; a basic one holds for all trains."""
     found: dict[str, _Profile] = {}
-    for entry in elements_below(root, "speedProfile"):
-        basic = flag_of(entry, "isBasicSpeedProfile", place)
+    for entry in root.below("speedProfile"):
+        basic = entry.flag("isBasicSpeedProfile")
         needs = {
-            name: number_of(part, key, place, 0.1, 500)
-            for tag, key, name in NEEDS
-            for part in elements_below(entry, tag)
-            if part.get(key) is not None
+            name: part.number(key, 0.1, 500) for tag, key, name in NEEDS for part in entry.below(tag) if key in part
         }
-        lowers = choice_of(entry, "influence", place, ("increasing", "decreasing")) == "decreasing" and not basic
-        tilts = any(True for _ in elements_below(entry, "tilting"))
+        lowers = entry.choice("influence", ("increasing", "decreasing")) == "decreasing" and not basic
+        tilts = any(True for _ in entry.below("tilting"))
         if lowers or tilts or basic:  # neither is known of a train by its figures
             if lowers:
-                print_assumption(f"{entry_of(entry, place)}: its lower limits hold for trains of no category too")
+                print_assumption(f"{entry.place}: its lower limits hold for trains of no category too")
             needs = {}
-        found[entry.get("id", "")] = _Profile("" if basic else _name_of(entry), needs, lowers)
+        found[entry.get("id")] = _Profile("" if basic else _name_of(entry), needs, lowers)
     return found
 
 
 def _speeds(
-    infrastructure: Element, location: Location, path: TrackPath, profiles: Mapping[str, _Profile]
+    infrastructure: Entry, location: Location, path: TrackPath, profiles: Mapping[str, _Profile]
 ) -> tuple[list[Range], dict[str, list[Range]], list[dict[str, Any]]]:
     """Return the permanent speed limits [m/s] of all trains and by category, and the restrictions on a path.
 
@@ -215,26 +197,26 @@ def _speeds(
     by_category: dict[str, list[Range]] = {}
     lowered: list[Range] = []
     restrictions: list[dict[str, Any]] = []
-    for section in elements_below(infrastructure, "speedSection"):
-        key = "maxSpeed" if section.get("maxSpeed") is not None else "vMax"
+    for section in infrastructure.below("speedSection"):
+        key = "maxSpeed" if "maxSpeed" in section else "vMax"
         passages = location.ranges(section, path, directed=True, needed=True)
-        entry = entry_of(section, place)
-        if section.get(key) in (None, "end"):
+        entry = section.place
+        if section.get(key, "end") == "end":
             if passages:
                 print_assumption(f"{entry}: no maxSpeed; left out")
             continue
-        speed = number_of(section, key, place, 0.1, 1000.0) / 3.6
+        speed = section.number(key, 0.1, 1000.0) / 3.6
         if passages and section.get("trainRelation", "endOfTrain") != "endOfTrain":
             print_assumption(
                 f"{entry}: trainRelation = '{section.get('trainRelation', '')[:20]}': the part of the train that the "
                 "speed holds for; here it holds for its whole length, which is the safe side"
             )
-        refs = [part.get("ref", "") for part in elements_below(section, "validForSpeedProfile")]
+        refs = [part.get("ref") for part in section.below("validForSpeedProfile")]
         for ref in refs:
             if ref not in profiles:
                 raise ValueError(f"{entry}: validForSpeedProfile: ref = '{ref[:60]}': not in the file; correct it")
         for begin, end, _ in passages:
-            if flag_of(section, "isTemporary", place):
+            if section.flag("isTemporary"):
                 restrictions.append({"begin": begin, "end": end, "speed": speed})
                 continue
             categories = {profiles[ref].category: True for ref in refs} or {"": True}
@@ -263,28 +245,28 @@ def _laid(under: Sequence[Range], over: Sequence[Range], path: TrackPath) -> lis
     return layer([*layer(under, min), *layer(over, min)], lambda values: values[-1])
 
 
-def _name_of(element: Element) -> str:
+def _name_of(element: Entry) -> str:
     """Return the first name of an element, else its identifier."""
-    named = (entry.get("name") for entry in children(element, "name"))
-    return next((name for name in named if name), element.get("id", ""))
+    named = (entry.get("name") for entry in element.parts("name"))
+    return next((name for name in named if name), element.get("id"))
 
 
-def _units(root: Element, place: str) -> dict[str, float]:
+def _units(root: Entry) -> dict[str, float]:
     """Return the length of one unit of the measures [m], by linear positioning system."""
     found: dict[str, float] = {}
-    for system in elements_below(root, "linearPositioningSystem"):
-        unit = known_text(system.get("units", "m").strip().lower(), f"{entry_of(system, place)}: units", UNITS)
-        found[system.get("id", "")] = UNITS[unit]
+    for system in root.below("linearPositioningSystem"):
+        unit = known_text(system.get("units", "m").strip().lower(), f"{system.place}: units", UNITS)
+        found[system.get("id")] = UNITS[unit]
     return found
 
 
-def _net_elements(infrastructure: Element, units: dict[str, float], place: str) -> dict[str, NetElement]:
+def _net_elements(infrastructure: Entry, units: dict[str, float]) -> dict[str, NetElement]:
     """Return the net elements; those of higher levels are collections of others."""
     found: dict[str, NetElement] = {}
-    tracks = _track_lengths(infrastructure, place)
-    for element in elements_below(infrastructure, "netElement"):
-        name, measures = element.get("id", ""), _measures(element, units, place)
-        parts, ordered = parts_of(element, place)
+    tracks, place = _track_lengths(infrastructure), infrastructure.file
+    for element in infrastructure.below("netElement"):
+        name, measures = element.get("id"), _measures(element, units)
+        parts, ordered = parts_of(element)
         if name in found:
             raise ValueError(f"{place}: netElement {name}: id: two net elements have this id; correct one")
         lengths = [
@@ -293,8 +275,8 @@ def _net_elements(infrastructure: Element, units: dict[str, float], place: str) 
             if rows[-1][0] > rows[0][0]
         ]
         by_measures = lengths
-        if element.get("length") is not None:
-            lengths = [number_of(element, "length", place)]
+        if "length" in element:
+            lengths = [element.number("length")]
         elif not parts and name in tracks:
             lengths = [tracks[name]]
         if by_measures and not parts and abs(by_measures[0] - lengths[0]) > SCALED * lengths[0]:
@@ -307,7 +289,7 @@ def _net_elements(infrastructure: Element, units: dict[str, float], place: str) 
                 f"{place}: netElement {name}: no length, no linear coordinates of its ends, and no track with a length "
                 "that has it alone; add length"
             )
-        given = lengths[0] if lengths and (not parts or element.get("length") is not None) else 0.0
+        given = lengths[0] if lengths and (not parts or "length" in element) else 0.0
         found[name] = NetElement(name, given, measures, parts, ordered)
     if all(element.parts for element in found.values()):
         raise ValueError(f"{place}: topology: no netElement of the micro level; add the topology")
@@ -316,47 +298,47 @@ def _net_elements(infrastructure: Element, units: dict[str, float], place: str) 
     return found
 
 
-def _measures(element: Element, units: dict[str, float], place: str) -> dict[str, list[tuple[float, float]]]:
+def _measures(element: Entry, units: dict[str, float]) -> dict[str, list[tuple[float, float]]]:
     """Return intrinsic coordinate and measure [m] of the points of a net element, by linear positioning system."""
     measures: dict[str, list[tuple[float, float]]] = {}
-    for coordinate in elements_below(element, "intrinsicCoordinate"):
-        for linear in elements_below(coordinate, "linearCoordinate"):
-            system = linear.get("positioningSystemRef", "")
-            measure = number_of(linear, "measure", place) * units.get(system, 1.0)
-            spot = (number_of(coordinate, "intrinsicCoord", place, 0.0, 1.0), measure)
+    for coordinate in element.below("intrinsicCoordinate"):
+        for linear in coordinate.below("linearCoordinate"):
+            system = linear.get("positioningSystemRef")
+            measure = linear.number("measure") * units.get(system, 1.0)
+            spot = (coordinate.number("intrinsicCoord", 0.0, 1.0), measure)
             measures.setdefault(system, []).append(spot)
     return {system: sorted(rows) for system, rows in measures.items() if len(rows) > 1}
 
 
-def _track_lengths(infrastructure: Element, place: str) -> dict[str, float]:
+def _track_lengths(infrastructure: Entry) -> dict[str, float]:
     """Return the length [m] of every track with a length that lies on one net element as a whole."""
     found: dict[str, float] = {}
-    for track in elements_below(infrastructure, "track"):
-        parts = [part for entry in children(track, "linearLocation") for part in entry]
-        lengths = [entry for entry in children(track, "length") if entry.get("value") is not None]
-        ends = [key for part in parts for key in part.attrib if key not in ("netElementRef", "keepsOrientation", "id")]
-        if len(parts) == 1 and lengths and not ends and not len(parts[0]):
-            found[parts[0].get("netElementRef", "")] = number_of(lengths[0], "value", place, 1e-3, 1e7)
+    for track in infrastructure.below("track"):
+        parts = [part for entry in track.parts("linearLocation") for part in entry.parts()]
+        lengths = [entry for entry in track.parts("length") if "value" in entry]
+        if len(parts) == 1 and lengths and parts[0].element.attrib.keys() <= WHOLE and not parts[0].parts():
+            found[parts[0].get("netElementRef")] = lengths[0].number("value", 1e-3, 1e7)
     return found
 
 
-def _network(infrastructure: Element, elements: dict[str, NetElement], higher: Collection[str], place: str) -> Network:
+def _network(infrastructure: Entry, elements: dict[str, NetElement], higher: Collection[str]) -> Network:
     """Return the network of the navigable net relations."""
-    network = Network(place, {name: element.length for name, element in elements.items() if not element.parts})
-    for relation in elements_below(infrastructure, "netRelation"):
+    lengths = {name: element.length for name, element in elements.items() if not element.parts}
+    network = Network(infrastructure.file, lengths)
+    for relation in infrastructure.below("netRelation"):
         ends = []
-        entry = entry_of(relation, place)
+        entry = relation.place
         for letter in "AB":
-            element = next(elements_below(relation, f"element{letter}"), None)
-            name = "" if element is None else element.get("ref", "")
+            element = next(relation.below(f"element{letter}"), None)
+            name = "" if element is None else element.get("ref")
             if name not in higher:
                 raise ValueError(f"{entry}: element{letter}: ref = '{name[:60]}': not in the topology; correct it")
             if name in network.lengths:
-                at = number_of(relation, f"positionOn{letter}", place)
+                at = relation.number(f"positionOn{letter}")
                 if at not in (0.0, 1.0):
                     raise ValueError(f"{entry}: positionOn{letter} = {at:g}: must be 0 or 1; correct it")
                 ends.append((name, END if at else BEGIN))
-        way = known_text(relation.get("navigability", ""), f"{entry}: navigability", NAVIGABILITY)
+        way = known_text(relation.get("navigability"), f"{entry}: navigability", NAVIGABILITY)
         if len(ends) == 2 and way != "None":
             one, other = ends if way != "BA" else ends[::-1]
             network.join(one, other, both=way == "Both")

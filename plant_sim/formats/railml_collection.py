@@ -1,4 +1,4 @@
-"""Net elements of railML 3 that are collections of others (meso and macro level), mapped to the micro level.
+"""Elements of an XML file, and net elements of railML 3 that are collections of others (meso and macro level).
 
 An ordered collection is a chain: its parts are joined end to end, and positions run on over them. An unordered one has
 parts beside or behind each other: a place on it is known by a measure of a linear positioning system only.
@@ -11,15 +11,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+from xml.etree.ElementTree import Element, ParseError, fromstring
+from xml.parsers.expat import ExpatError, ParserCreate
 
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import keys_not_carried, known_text, number_in, print_assumption, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.units import number_text
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 
 class _RefusedDocumentType(Exception):
@@ -30,30 +29,81 @@ def _refuse_document_type(*_: object) -> None:
     raise _RefusedDocumentType
 
 
-def read_xml(path: Path) -> Element:
-    """Return the root of an XML file without document type and entities."""
-    from xml.etree.ElementTree import ParseError, fromstring
-    from xml.parsers.expat import ExpatError, ParserCreate
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Element of an XML file, and the name of the file for messages."""
 
+    element: Element
+    file: str
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.element.attrib
+
+    @property
+    def tag(self) -> str:
+        """Name without its namespace."""
+        return str(self.element.tag).rpartition("}")[2]
+
+    @property
+    def place(self) -> str:
+        """File, name and identifier, or that of the net element, for messages."""
+        name = self.get("netElementRef") or self.get("id")
+        return f"{self.file}: {' '.join(part for part in (self.tag, name) if part)}"
+
+    def below(self, *tags: str) -> Iterator[Entry]:
+        """Yield all elements with one of the names below this one, itself included."""
+        return (Entry(part, self.file) for part in self.element.iter() if str(part.tag).rpartition("}")[2] in tags)
+
+    def parts(self, *tags: str) -> list[Entry]:
+        """Return the direct parts, with names only those with one of them."""
+        parts = [Entry(part, self.file) for part in self.element]
+        return [part for part in parts if part.tag in tags] if tags else parts
+
+    def first(self, names: str) -> Entry | None:
+        """Return the first element at a path of names below this one; None without one."""
+        found: Entry | None = self
+        for name in names.split("."):
+            found = next(iter(found.parts(name)), None) if found else None
+        return found
+
+    def get(self, key: str, default: str = "") -> str:
+        """Return the text of an attribute."""
+        return self.element.get(key, default)
+
+    def number(self, key: str, low: float = -1e9, high: float = 1e9) -> float:
+        """Return a number of an attribute within its range."""
+        return number_in(self.get(key), f"{self.place}: {key}", low, high)
+
+    def flag(self, key: str, *, default: bool = False) -> bool:
+        """Return a truth value of an attribute."""
+        if key in self and self.get(key) not in ("true", "1", "false", "0"):
+            raise ValueError(f"{self.place}: {key} = '{self.get(key)[:40]}': must be true or false; correct it")
+        return self.get(key) in ("true", "1") if key in self else default
+
+    def choice(self, key: str, known: Sequence[str]) -> str:
+        """Return the text of an attribute, which is one of the known ones; the first of them without the attribute."""
+        return known_text(self.get(key, known[0]), f"{self.place}: {key}", known)
+
+
+def read_xml(path: Path) -> Entry:
+    """Return the root of an XML file without document type and entities."""
     text = read_bytes(path)
     try:
         first = ParserCreate()  # entities need a document type, so this parser refuses them before they are expanded
         first.StartDoctypeDeclHandler = _refuse_document_type
         first.Parse(text, True)
-        return fromstring(text)
+        return Entry(fromstring(text), str(path))
     except _RefusedDocumentType:
         raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them") from None
     except (ExpatError, ParseError, LookupError, UnicodeError) as error:
         raise ValueError(f"{path}: not valid XML: {' '.join(str(error).split())[:200]}; correct it") from None
 
 
-def read_root(path: Path) -> Element:
+def read_root(path: Path) -> Entry:
     """Return the root of a railML file."""
     root = read_xml(path)
-    if tag_of(root) not in ("railML", "railml"):
-        raise ValueError(
-            f"{path}: root element '{tag_of(root)[:60]}': must be railML of version 2 or 3; give such a file"
-        )
+    if root.tag not in ("railML", "railml"):
+        raise ValueError(f"{path}: root element '{root.tag[:60]}': must be railML of version 2 or 3; give such a file")
     if version_of(root) not in ("2", "3"):
         raise ValueError(
             f"{path}: railML: version = '{str(root.get('version'))[:20]}': must be 2 or 3; export it in railML 3"
@@ -61,63 +111,23 @@ def read_root(path: Path) -> Element:
     return root
 
 
-def version_of(root: Element) -> str:
+def version_of(root: Entry) -> str:
     """Return the first digit of the version of railML; without one, that of its namespace."""
-    return root.get("version", "2" if "/schemas/20" in str(root.tag) else "3")[:1]
+    return root.get("version", "2" if "/schemas/20" in str(root.element.tag) else "3")[:1]
 
 
-def tag_of(element: Element) -> str:
-    """Return the name of an element without its namespace."""
-    return str(element.tag).rpartition("}")[2]
-
-
-def elements_below(element: Element, tag: str) -> Iterator[Element]:
-    """Yield all elements of a name below an element."""
-    return (entry for entry in element.iter() if tag_of(entry) == tag)
-
-
-def children(element: Element, *tags: str) -> list[Element]:
-    """Return the direct parts of an element with one of the names."""
-    return [entry for entry in element if tag_of(entry) in tags]
-
-
-def entry_of(element: Element, place: str) -> str:
-    """Return file, name and identifier of an element, or that of its net element, for messages."""
-    name = element.get("netElementRef") or element.get("id")
-    return f"{place}: {' '.join(part for part in (tag_of(element), name) if part)}"
-
-
-def names_below(element: Element, found: dict[str, Any] | None = None) -> dict[str, Any]:
+def names_below(entry: Entry, found: dict[str, Any] | None = None) -> dict[str, Any]:
     """Return the names of all attributes (``@name``) and elements below an element; those of equal elements as one."""
     names: dict[str, Any] = {} if found is None else found
-    names.update({f"@{key.rpartition('}')[2]}": True for key in element.keys()})  # noqa: SIM118  # not a mapping
-    for entry in element:
-        below = names.setdefault(tag_of(entry), {})
-        names_below(entry, below)
+    names.update({f"@{key.rpartition('}')[2]}": True for key in entry.element.attrib})
+    for part in entry.parts():
+        names_below(part, names.setdefault(part.tag, {}))
     return names
 
 
-def names_lost(root: Element, carried: Iterable[str]) -> tuple[str, ...]:
+def names_lost(root: Entry, carried: Iterable[str]) -> tuple[str, ...]:
     """Return the names of a file that are none of the carried ones; those of an infrastructure without its name."""
     return tuple(name.removeprefix("infrastructure.") for name in keys_not_carried(names_below(root), carried))
-
-
-def number_of(element: Element, key: str, place: str, low: float = -1e9, high: float = 1e9) -> float:
-    """Return a number of an attribute within its range."""
-    return number_in(element.get(key, ""), f"{entry_of(element, place)}: {key}", low, high)
-
-
-def flag_of(element: Element, key: str, place: str, *, default: bool = False) -> bool:
-    """Return a truth value of an attribute."""
-    text = element.get(key)
-    if text not in (None, "true", "1", "false", "0"):
-        raise ValueError(f"{entry_of(element, place)}: {key} = '{text[:40]}': must be true or false; correct it")
-    return default if text is None else text in ("true", "1")
-
-
-def choice_of(element: Element, key: str, place: str, known: Sequence[str]) -> str:
-    """Return the text of an attribute, which is one of the known ones; the first of them without the attribute."""
-    return known_text(element.get(key, known[0]), f"{entry_of(element, place)}: {key}", known)
 
 
 ORDERED, UNORDERED = "elementCollectionOrdered", "elementCollectionUnordered"
@@ -171,13 +181,13 @@ class Stretch(NamedTuple):
     """None for an unknown direction."""
 
 
-def parts_of(element: Element, place: str) -> tuple[tuple[str, ...], bool]:
+def parts_of(element: Entry) -> tuple[tuple[str, ...], bool]:
     """Return the parts of a collection in their order, and True for an ordered one; none for a micro element."""
-    ordered = children(element, ORDERED)
-    if all(entry.get("sequence") is not None for entry in ordered):
-        ordered.sort(key=lambda entry: number_of(entry, "sequence", place))
-    collections = ordered or children(element, UNORDERED)
-    parts = tuple(part.get("ref", "") for entry in collections for part in elements_below(entry, "elementPart"))
+    ordered = element.parts(ORDERED)
+    if all("sequence" in entry for entry in ordered):
+        ordered.sort(key=lambda entry: entry.number("sequence"))
+    collections = ordered or element.parts(UNORDERED)
+    parts = tuple(part.get("ref") for entry in collections for part in entry.below("elementPart"))
     return parts, bool(ordered)
 
 

@@ -11,26 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from plant_sim.formats.fields import known_text, print_assumption
 from plant_sim.formats.network_path import ROUNDING, STRAIGHT, Network, Passage, Range, TrackPath
-from plant_sim.formats.railml_collection import (
-    Collections,
-    NetElement,
-    Stretch,
-    children,
-    choice_of,
-    elements_below,
-    entry_of,
-    flag_of,
-    number_of,
-)
+from plant_sim.formats.railml_collection import Collections, Entry, NetElement, Stretch
 from plant_sim.units import number_text
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
-
 
 APPLIES = ("both", "normal", "reverse")
 BEGINS, ENDS, POSITIONS = ("posBegin", "fromPos"), ("posEnd", "toPos"), ("pos",)
@@ -60,10 +46,10 @@ class Location:
         self._elements, self._higher, self._units, self.place = elements, higher, units, network.place
         self._collections = Collections(elements, network)
 
-    def spots(self, owner: Element) -> list[tuple[str, float]]:
+    def spots(self, owner: Entry) -> list[tuple[str, float]]:
         """Return net elements and positions [m] of the spot locations of an element; all tracks of a station."""
         found = []
-        for spot in children(owner, "spotLocation"):
+        for spot in owner.parts("spotLocation"):
             element = self._element(owner, spot)
             if element is None:
                 found += self._measured(spot)
@@ -75,7 +61,7 @@ class Location:
         return found
 
     def ranges(
-        self, owner: Element, path: TrackPath, *, directed: bool = False, needed: bool = False, signed: bool = False
+        self, owner: Entry, path: TrackPath, *, directed: bool = False, needed: bool = False, signed: bool = False
     ) -> list[Passage]:
         """Return begin and end on a path [m] of the linear locations of an element, and True in running direction.
 
@@ -90,17 +76,17 @@ class Location:
         """
         found: list[Passage] = []
         known = 0
-        entry = entry_of(owner, self.place)
-        for location in children(owner, "linearLocation"):
+        entry = owner.place
+        for location in owner.parts("linearLocation"):
             applies = known_text(
                 location.get("applicationDirection", "both"), f"{entry}: applicationDirection", APPLIES
             )
-            for part in children(location, "associatedNetElement"):
+            for part in location.parts("associatedNetElement"):
                 element = self._element(owner, part)
                 if element is None:
                     continue
                 known += 1
-                keeps = flag_of(part, "keepsOrientation", self.place, default=True)
+                keeps = part.flag("keepsOrientation", default=True)
                 for piece in self._pieces(owner, part, element, rising=signed and keeps):
                     if piece.same is None and (signed or applies != "both"):
                         raise ValueError(
@@ -120,7 +106,7 @@ class Location:
             print_assumption(f"{entry}: {problem} and is left out")
         return found
 
-    def _pieces(self, owner: Element, part: Element, element: NetElement, *, rising: bool) -> list[Stretch]:
+    def _pieces(self, owner: Entry, part: Entry, element: NetElement, *, rising: bool) -> list[Stretch]:
         """Return the stretches of the micro level of a location on a net element; ``rising`` refuses a turned one."""
         if element.parts:
             ends = (
@@ -133,17 +119,17 @@ class Location:
         first, last = 0.0 if begin is None else begin, element.length if end is None else end
         if rising and last < first:
             raise ValueError(
-                f"{entry_of(owner, self.place)}: netElement {element.name}: its end lies before its begin, and "
+                f"{owner.place}: netElement {element.name}: its end lies before its begin, and "
                 "keepsOrientation is true; exchange them, or set keepsOrientation to false"
             )
         return [Stretch(element.name, first, last, True)]
 
     def _on_collection(
-        self, owner: Element, part: Element, element: NetElement, *ends: tuple[tuple[str, ...], str, str]
+        self, owner: Entry, part: Entry, element: NetElement, *ends: tuple[tuple[str, ...], str, str]
     ) -> list[Stretch]:
         """Return the stretches of the micro level between the ends of a location on a collection; one end is a spot."""
-        name, entry = element.name, entry_of(owner, self.place)
-        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in children(part, linear)[:1]]
+        name, entry = element.name, owner.place
+        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in part.parts(linear)[:1]]
         try:
             if len(measures) == len(ends):
                 found = self._collections.by_measure(name, measures[0][0], measures[0][1], measures[-1][1])
@@ -154,7 +140,7 @@ class Location:
                         "its parts; correct it"
                     )
                 return found
-            if all(part.get(key) is None for keys, intrinsic, _ in ends for key in (*keys, intrinsic)):
+            if all(key not in part for keys, intrinsic, _ in ends for key in (*keys, intrinsic)):
                 return self._collections.whole(name)
             whole = NetElement(name, self._collections.length(name), element.measures)
         except ValueError as error:
@@ -163,30 +149,28 @@ class Location:
         first, last = places[0], places[-1]
         return self._collections.along(name, first or 0.0, whole.length if last is None else last)
 
-    def _element(self, owner: Element, part: Element) -> NetElement | None:
+    def _element(self, owner: Entry, part: Entry) -> NetElement | None:
         """Return the net element of a location; None for another part of the topology."""
-        name = part.get("netElementRef", "")
+        name = part.get("netElementRef")
         if name not in self._elements and name not in self._higher:
-            raise ValueError(
-                f"{entry_of(owner, self.place)}: netElementRef = '{name[:60]}': not in the topology; correct it"
-            )
+            raise ValueError(f"{owner.place}: netElementRef = '{name[:60]}': not in the topology; correct it")
         return self._elements.get(name)
 
-    def _measure(self, coordinate: Element) -> tuple[str, float]:
+    def _measure(self, coordinate: Entry) -> tuple[str, float]:
         """Return linear positioning system and measure [m]."""
-        system = coordinate.get("positioningSystemRef", "")
-        return system, number_of(coordinate, "measure", self.place, -1e9, 1e9) * self._units.get(system, 1.0)
+        system = coordinate.get("positioningSystemRef")
+        return system, coordinate.number("measure", -1e9, 1e9) * self._units.get(system, 1.0)
 
     def _at(
-        self, part: Element, element: NetElement, positions: tuple[str, ...], intrinsic: str, linear: str
+        self, part: Entry, element: NetElement, positions: tuple[str, ...], intrinsic: str, linear: str
     ) -> float | None:
         """Return the position on a net element [m]; None for an end that the location does not have."""
         for key in positions:
-            if part.get(key) is not None:
-                return number_of(part, key, self.place, 0.0, element.length * (1 + 1e-9))
-        if part.get(intrinsic) is not None:
-            return element.length * number_of(part, intrinsic, self.place, 0.0, 1.0)
-        for coordinate in children(part, linear):
+            if key in part:
+                return part.number(key, 0.0, element.length * (1 + 1e-9))
+        if intrinsic in part:
+            return element.length * part.number(intrinsic, 0.0, 1.0)
+        for coordinate in part.parts(linear):
             system, measure = self._measure(coordinate)
             position = element.position(system, measure)
             if position is None:
@@ -197,10 +181,10 @@ class Location:
             return position
         return None
 
-    def _measured(self, spot: Element) -> list[tuple[str, float]]:
+    def _measured(self, spot: Entry) -> list[tuple[str, float]]:
         """Return all micro elements with a measure, for a location on another part of the topology."""
         found = []
-        for coordinate in children(spot, "linearCoordinate"):
+        for coordinate in spot.parts("linearCoordinate"):
             measure = self._measure(coordinate)
             for element in self._elements.values():
                 position = None if element.parts else element.position(*measure)
@@ -226,18 +210,17 @@ class _Transition(NamedTuple):
     entry: str
 
 
-def grades(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
+def grades(infrastructure: Entry, location: Location, path: TrackPath) -> list[Range]:
     """Return the grades on a path in running direction; an arc as pieces of constant grade."""
-    place = path.network.place
     rows: list[Range] = []
     arcs: list[_Transition] = []
-    for curve in elements_below(infrastructure, "gradientCurve"):
-        entry = entry_of(curve, place)
+    for curve in infrastructure.below("gradientCurve"):
+        entry = curve.place
         passages = location.ranges(curve, path, signed=True)
-        delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
-        kind = choice_of(curve, "curveType", place, KINDS)
-        if curve.get("gradient") is not None and (not delta or curve.get("curveType") == "straight"):
-            value = 1e-3 * number_of(curve, "gradient", place, -500, 500)
+        delta = 1e-3 * curve.number("deltaGradient") if "deltaGradient" in curve else None
+        kind = curve.choice("curveType", KINDS)
+        if "gradient" in curve and (not delta or curve.get("curveType") == "straight"):
+            value = 1e-3 * curve.number("gradient", -500, 500)
             rows += [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]
         elif kind == "mixed" and delta is None:
             print_assumption(f"{entry}: of the type mixed without a gradient; left out")
@@ -259,16 +242,15 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
     return rows + [piece for arc, (first, last) in found.items() for piece in _pieces(arc, first, last)]
 
 
-def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[Range]:
+def radii(infrastructure: Entry, location: Location, path: TrackPath) -> list[Range]:
     """Return the curve radii on a path [m], > 0 to the right in running direction."""
-    place = path.network.place
     rows: list[Range] = []
     transitions: list[_Transition] = []
-    for curve in elements_below(infrastructure, "horizontalCurve"):
-        entry = entry_of(curve, place)
+    for curve in infrastructure.below("horizontalCurve"):
+        entry = curve.place
         passages = location.ranges(curve, path, signed=True)
-        if curve.get("radius") is not None:
-            radius = number_of(curve, "radius", place)
+        if "radius" in curve:
+            radius = curve.number("radius")
             bend = 1.0 / radius if radius else 0.0
             rows += [Range(begin, end, bend if forward else -bend, entry) for begin, end, forward in passages]
         elif curve.get("curveType") not in ("straight", "mixed"):

@@ -11,29 +11,16 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
 from plant_sim.formats.fields import known_text, names_in, print_assumption
-from plant_sim.formats.railml2 import DAVIS, as_version_3
-from plant_sim.formats.railml_collection import (
-    children,
-    elements_below,
-    entry_of,
-    flag_of,
-    names_lost,
-    number_of,
-    read_root,
-    tag_of,
-    version_of,
-)
+from plant_sim.formats.railml2 import DAVIS, read_railml
+from plant_sim.formats.railml_collection import Entry
 from plant_sim.formats.railtoolkit import ROTATING
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, hyperbola, rigid_train
 from plant_sim.units import GRAVITY, KMH
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 AIR_DENSITY = 1.225
 SPEEDS = {"km/h": 1 / KMH, "m/s": 1.0}
@@ -57,13 +44,11 @@ CARRIED = names_in("""
 
 def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[str, ...]]:
     """Return the formation of an identifier, or the only one; the format; and the names that it does not carry."""
-    place, root = str(path), read_root(path)
-    version, lost = version_of(root), None
-    if version == "2":
-        root, lost = as_version_3(root, place)
-    if next(elements_below(root, "rollingstock"), None) is None:
+    place = str(path)
+    root, form, left = read_railml(path, CARRIED)
+    if next(root.below("rollingstock"), None) is None:
         raise ValueError(f"{place}: holds a line (railML), no train; exchange them")
-    formations = {_id(entry, place): entry for entry in elements_below(root, "formation")}
+    formations = {_id(entry): entry for entry in root.below("formation")}
     if len(formations) != 1 and selection not in formations:
         raise ValueError(
             f"{place}: {len(formations)} formations ({', '.join(formations)[:200] or 'add one'}); name one as FILE:ID"
@@ -71,72 +56,60 @@ def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[s
     if selection and selection not in formations:
         raise ValueError(f"{place}: selection '{selection[:60]}': the file has {', '.join(formations)}; correct it")
     name = selection or next(iter(formations))
-    form = f"railML {version}"
-    data = _consist(formations[name], root, place)
+    data = _consist(formations[name], root)
     consist = rigid_train(place, name, f"{form} rolling stock {path.name}", **data)
-    left = names_lost(root, CARRIED) if lost is None else lost
     return consist, form, tuple(key for key in left if key != "@version")
 
 
-def _id(element: Element, place: str) -> str:
-    if not (name := element.get("id", "")):
-        raise ValueError(f"{place}: {tag_of(element)}: it has no id; add one")
+def _id(element: Entry) -> str:
+    if not (name := element.get("id")):
+        raise ValueError(f"{element.file}: {element.tag}: it has no id; add one")
     return name
 
 
-def _child(element: Element, names: str) -> Element | None:
-    """Return the first element at a path of names below an element; None without one."""
-    for name in names.split("."):
-        found = next(iter(children(element, name)), None)
-        if found is None:
-            return None
-        element = found
-    return element
-
-
-def _consist(formation: Element, root: Element, place: str) -> dict[str, Any]:
+def _consist(formation: Entry, root: Entry) -> dict[str, Any]:
     """Return the data of a train."""
-    known: dict[str, Element] = {}
-    for entry in elements_below(root, "vehicle"):
-        if (key := _id(entry, place)) in known:
+    known: dict[str, Entry] = {}
+    place, where = formation.file, formation.place
+    for entry in root.below("vehicle"):
+        if (key := _id(entry)) in known:
             raise ValueError(f"{place}: vehicle {key}: two vehicles have this id; correct one")
         known[key] = entry
-    order = children(formation, "trainOrder")
-    order.sort(key=lambda entry: number_of(entry, "orderNumber", place, 0, 1e5))
+    order = formation.parts("trainOrder")
+    order.sort(key=lambda entry: entry.number("orderNumber", 0, 1e5))
     for before, after in pairwise(order):
-        if number_of(before, "orderNumber", place) == number_of(after, "orderNumber", place):
+        if before.number("orderNumber") == after.number("orderNumber"):
             raise ValueError(f"{place}: trainOrder: orderNumber = {after.get('orderNumber')}: two have it; correct one")
-    train = [entry.get("vehicleRef", "") for entry in order]
-    where = entry_of(formation, place)
+    train = [entry.get("vehicleRef") for entry in order]
     if not train or not set(train) <= set(known):
         wrong = next((key for key in train if key not in known), None)
         what = "trainOrder: none" if wrong is None else f"vehicleRef = '{wrong[:40]}': no vehicle"
         raise ValueError(f"{where}: {what}; it has {', '.join(known)[:200] or 'no vehicle'}")
-    types = {key: _vehicle(known[key], place) for key in dict.fromkeys(train)}
+    types = {key: _vehicle(known[key]) for key in dict.fromkeys(train)}
     vehicles = [types[key] for key in train]
     mass = plain_sum(vehicle["mass"] for vehicle in vehicles)
-    _share_resistance(formation, types, mass, place)
-    limits = [number_of(known[key], "speed", place, 1, 1000) / KMH for key in types if known[key].get("speed")]
-    limits += [number_of(formation, "speed", place, 1, 1000) / KMH] if formation.get("speed") else []
+    _share_resistance(formation, types, mass)
+    limits = [known[key].number("speed", 1, 1000) / KMH for key in types if known[key].get("speed")]
+    limits += [formation.number("speed", 1, 1000) / KMH] if formation.get("speed") else []
     powered = [key for key in train if "traction" in types[key]]
-    brakes = _child(formation, "trainBrakes")
+    brakes = formation.first("trainBrakes")
     if not powered or not limits or brakes is None:
         lacks = "engine of a vehicle" if not powered else "trainBrakes" if brakes is None else "speed"
         raise ValueError(f"{where}: {lacks}: missing; add it")
-    deceleration, speed = number_of(brakes, "meanDeceleration", place, 1e-3, 10), min(limits)
+    deceleration, speed = brakes.number("meanDeceleration", 1e-3, 10), min(limits)
     inertia = plain_sum(vehicle["mass"] * vehicle["rotating_mass_factor"] for vehicle in vehicles)
     force = brake_share(deceleration, inertia, mass, len(powered))
     for key in set(powered):
         types[key]["brake"] = [{"to": OVERSPEED * speed, "force": force}]
-    engine = _child(formation, "trainEngine")
+    engine = formation.first("trainEngine")
     loaded = [known[key] for key in types if known[key].get("maximumAxleLoad")]
-    loads = [number_of(entry, "maximumAxleLoad", place, 0.1, 100) for entry in loaded]
+    loads = [entry.number("maximumAxleLoad", 0.1, 100) for entry in loaded]
     rating: dict[str, float] = {"axle_load_t": max(loads)} if loads else {}
     if brakes.get("regularBrakePercentage"):
-        rating["brake_percentage"] = number_of(brakes, "regularBrakePercentage", place, 1, 500)
+        rating["brake_percentage"] = brakes.number("regularBrakePercentage", 1, 500)
     plan = {"speed": speed, "deceleration": deceleration}
     if engine is not None and engine.get("maxAcceleration"):
-        plan["acceleration"] = number_of(engine, "maxAcceleration", place, 1e-3, 10)
+        plan["acceleration"] = engine.number("maxAcceleration", 1e-3, 10)
     print_assumption(f"{place}: rigid couplers; the brake of the formation acts in its powered vehicles")
     data = {"vehicle_types": types, "train": [{"type": key} for key in train], "plan_limits": plan}
     return data | ({"rating": rating} if rating else {})
@@ -147,83 +120,84 @@ def brake_share(deceleration: float, inertia: float, mass: float, units: int) ->
     return (inertia * deceleration + mass * BRAKED_GRADE * GRAVITY) / units
 
 
-def _vehicle(vehicle: Element, place: str) -> dict[str, Any]:
+def _vehicle(vehicle: Entry) -> dict[str, Any]:
     """Return the data of a vehicle type, without its brake."""
     weight = "bruttoWeight" if vehicle.get("bruttoWeight") else "tareWeight"
-    mass = 1e3 * number_of(vehicle, weight, place, 0.1, 1000)
+    mass = 1e3 * vehicle.number(weight, 0.1, 1000)
     if vehicle.get("bruttoWeight") and vehicle.get("tareWeight"):
-        print_assumption(f"{place}: vehicles with load (bruttoWeight); tareWeight has no effect")
-    traction = _traction(vehicle, place)
+        print_assumption(f"{vehicle.file}: vehicles with load (bruttoWeight); tareWeight has no effect")
+    traction = _traction(vehicle)
     factor = ROTATING["traction unit" if traction else "passenger"]
     if vehicle.get("rotatingMassFactor"):
-        factor = number_of(vehicle, "rotatingMassFactor", place, 1, 2)
+        factor = vehicle.number("rotatingMassFactor", 1, 2)
     else:
-        print_assumption(f"{entry_of(vehicle, place)}: no rotatingMassFactor; assumed {factor:g}")
-    info = _child(vehicle, "drivingResistance.info")
+        print_assumption(f"{vehicle.place}: no rotatingMassFactor; assumed {factor:g}")
+    info = vehicle.first("drivingResistance.info")
     resistance = [0.0, 0.0, 0.0]
     if info is not None:
-        area = number_of(info, "airDragCoefficient", place, 0, 10) * number_of(info, "crossSectionArea", place, 0, 100)
-        rolling = number_of(info, "rollingResistance", place, 0, 100) * mass * GRAVITY / 1e3
+        area = info.number("airDragCoefficient", 0, 10) * info.number("crossSectionArea", 0, 100)
+        rolling = info.number("rollingResistance", 0, 100) * mass * GRAVITY / 1e3
         resistance = [rolling, 0.0, 0.5 * AIR_DENSITY * area]
     return {
         "mass": mass,
-        "length": number_of(vehicle, "length", place, 0.1, 1000),
+        "length": vehicle.number("length", 0.1, 1000),
         "rotating_mass_factor": factor,
         "resistance": {"n": resistance},
         **traction,
     }
 
 
-def _share_resistance(formation: Element, types: dict[str, dict[str, Any]], mass: float, place: str) -> None:
+def _share_resistance(formation: Entry, types: dict[str, dict[str, Any]], mass: float) -> None:
     """Give the vehicles the running resistance of the formation, by their weight."""
-    davis = _child(formation, "trainResistance.daviesFormulaFactors")
+    davis = formation.first("trainResistance.daviesFormulaFactors")
     if davis is None:
         if lacking := [key for key, kind in types.items() if not kind["resistance"]["n"][0]]:
             raise ValueError(
-                f"{entry_of(formation, place)}: daviesFormulaFactors: missing, and vehicle {lacking[0]} has no "
+                f"{formation.place}: daviesFormulaFactors: missing, and vehicle {lacking[0]} has no "
                 "drivingResistance; add one of them"
             )
         return
-    if flag_of(davis, "massDependent", place):
-        raise ValueError(f"{place}: daviesFormulaFactors: massDependent = true: is not read; give the factors in N")
+    if davis.flag("massDependent"):
+        text = "daviesFormulaFactors: massDependent = true: is not read; give the factors in N"
+        raise ValueError(f"{formation.file}: {text}")
     if any(kind["resistance"]["n"][0] for kind in types.values()):
-        print_assumption(f"{place}: drivingResistance of vehicles: no effect beside that of the formation")
-    whole = [number_of(davis, key, place, 0, 1e9) * KMH**power for power, key in enumerate(DAVIS)]
+        print_assumption(f"{formation.file}: drivingResistance of vehicles: no effect beside that of the formation")
+    whole = [davis.number(key, 0, 1e9) * KMH**power for power, key in enumerate(DAVIS)]
     for kind in types.values():
         kind["resistance"] = {"n": [value * kind["mass"] / mass for value in whole]}
 
 
-def _traction(vehicle: Element, place: str) -> dict[str, Any]:
+def _traction(vehicle: Entry) -> dict[str, Any]:
     """Return traction and supply of the primary mode of an engine; nothing without an engine."""
-    modes = [mode for engine in children(vehicle, "engine") for mode in children(engine, "powerMode")]
+    modes = [mode for engine in vehicle.parts("engine") for mode in engine.parts("powerMode")]
     if not modes:
         return {}
-    primary = [mode for mode in modes if flag_of(mode, "isPrimaryMode", place, default=len(modes) == 1)]
+    primary = [mode for mode in modes if mode.flag("isPrimaryMode", default=len(modes) == 1)]
     if len(primary) != 1:
-        raise ValueError(f"{entry_of(vehicle, place)}: powerMode: {len(primary)} primary modes; mark one")
-    mode = known_text(primary[0].get("mode", ""), f"{entry_of(vehicle, place)}: mode", MODES)
+        raise ValueError(f"{vehicle.place}: powerMode: {len(primary)} primary modes; mark one")
+    mode = known_text(primary[0].get("mode"), f"{vehicle.place}: mode", MODES)
     supply = {"independent_power": MODES[mode]}
-    table = _child(primary[0], TABLE)
+    table = primary[0].first(TABLE)
     if table is None:
-        info = _child(primary[0], "tractionData.info")
+        info = primary[0].first("tractionData.info")
         if info is None:
-            raise ValueError(f"{entry_of(vehicle, place)}: tractionData: neither info nor a table; add one of them")
+            raise ValueError(f"{vehicle.place}: tractionData: neither info nor a table; add one of them")
         force, power = (
-            number_of(info, key, place, 1e3, most) for key, most in (("maxTractiveEffort", 1e7), ("tractivePower", 1e9))
+            info.number(key, 1e3, most) for key, most in (("maxTractiveEffort", 1e7), ("tractivePower", 1e9))
         )
-        end = OVERSPEED * number_of(vehicle, "speed", place, 1, 1000) / KMH
+        end = OVERSPEED * vehicle.number("speed", 1, 1000) / KMH
         return {"traction": hyperbola(force, power, end), **supply}
     units = [
-        known[known_text(table.get(key, ""), f"{entry_of(vehicle, place)}: {key}", known)]
+        known[known_text(table.get(key), f"{vehicle.place}: {key}", known)]
         for key, known in (("xValueUnit", SPEEDS), ("yValueUnit", FORCES))
     ]
-    rows = [(line, list(line)) for line in children(table, "valueLine")]
+    rows = [(line, line.parts()) for line in table.parts("valueLine")]
     if len(rows) < 2 or any(len(values) != 1 for _, values in rows):
-        raise ValueError(f"{entry_of(vehicle, place)}: valueTable: give two valueLine or more, each with one value")
+        raise ValueError(f"{vehicle.place}: valueTable: give two valueLine or more, each with one value")
     return {
         "traction": {
-            "speed": [number_of(line, "xValue", place, 0, 1000) * units[0] for line, _ in rows],
-            "force": [number_of(value, "yValue", place, 0, 1e7) * units[1] for _, (value,) in rows],
+            "speed": [line.number("xValue", 0, 1000) * units[0] for line, _ in rows],
+            "force": [value.number("yValue", 0, 1e7) * units[1] for _, (value,) in rows],
         },
         **supply,
     }

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
@@ -18,16 +19,12 @@ from plant_sim.formats.network_path import SAME_STATION, STRAIGHT
 from plant_sim.formats.osrd_stock import lost_of_train, service_deceleration, traction_points
 from plant_sim.formats.railml import CARRIED, NEEDS, STATION
 from plant_sim.formats.railml2 import DAVIS
-from plant_sim.formats.railml_collection import children, elements_below
 from plant_sim.formats.railml_location import BEGINS, ENDS, POSITIONS
 from plant_sim.formats.railml_stock import AIR_DENSITY, MODE, MODES, TABLE, brake_share
 from plant_sim.formats.writing import NOT_XML, lost_keys, refuse_overlap
 from plant_sim.gears import RigidGear
 from plant_sim.line import Line, Rating
 from plant_sim.units import GRAVITY, KMH, number_text
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 OWNER = {
     tag: name.removeprefix("infrastructure.").partition(f"{tag}.")[0] + tag
@@ -46,26 +43,20 @@ NET = "line"
 
 def _add(parent: Element, names: str, **keys: str | float) -> Element:
     """Return a new element at a path of names; the elements above it exist once."""
-    from xml.etree.ElementTree import SubElement
-
     *above, tag = names.split(".")
     for name in above:
-        found = children(parent, name)
-        parent = found[0] if found else SubElement(parent, name)
+        found = parent.find(name)
+        parent = SubElement(parent, name) if found is None else found
     texts = {key: NOT_XML.sub("", value) if isinstance(value, str) else repr(value) for key, value in keys.items()}
     return SubElement(parent, tag, texts)
 
 
 def _document(root: Element) -> str:
-    from xml.etree.ElementTree import indent, tostring
-
     indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'
 
 
 def _root() -> Element:
-    from xml.etree.ElementTree import Element
-
     return Element("railML", xmlns="https://www.railml.org/schemas/3.2", version="3.2")
 
 
@@ -181,7 +172,7 @@ def train_railml(consist: Consist) -> tuple[str, tuple[str, ...]]:
         _add(formation, "trainEngine", maxAcceleration=limits.acceleration)
     percentage = {"regularBrakePercentage": rating.brake_percentage} if rating.brake_percentage else {}
     _add(formation, "trainBrakes", meanDeceleration=deceleration, **percentage)
-    if next(elements_below(stock, "drivingResistance"), None) is None:
+    if stock.find(".//drivingResistance") is None:
         drags = [kind.resistance.polynomial(kind.mass, consist.gravity) for kind in consist.vehicles]
         sums = {key: _text(plain_sum(drag[k] for drag in drags) / KMH**k) for k, key in enumerate(DAVIS)}
         _add(formation, "trainResistance.daviesFormulaFactors", massDependent="false", **sums)

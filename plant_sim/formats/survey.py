@@ -10,21 +10,18 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from plant_sim.alignment import Alignment
 from plant_sim.formats.fields import Fields, finite_number, names_in, number_in, print_assumption
 from plant_sim.formats.line_table import slopes
-from plant_sim.formats.railml_collection import children, names_lost, tag_of
+from plant_sim.formats.railml_collection import Entry, names_lost
 from plant_sim.formats.writing import NOT_XML, lost_keys
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.units import number_text
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 WINDOW, STRETCH = 300.0, 100.0
 """Length over which heights are averaged, and of the stretches of one grade [m]."""
@@ -105,15 +102,14 @@ def _spot(row: Any, place: str) -> Spot:
     return latitude, longitude, finite_number(row[2], place, -1e3, 1e4) if len(row) > 2 else None
 
 
-def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tuple[str, ...]]:
+def gpx_line(root: Entry, place: str, selection: str = "") -> tuple[Line, tuple[str, ...]]:
     """Return the line along a track, or route, of a GPX file, and the elements that it does not carry."""
     tracks: list[tuple[str, list[Spot]]] = []
     stations: list[tuple[str, Spot]] = []
-    if tag_of(root) != "gpx":
-        raise ValueError(f"{place}: <{tag_of(root)}> is no GPX; give a file that begins with <gpx>")
-    for element in root:
-        kind, name = tag_of(element), _text(element, "name")
-        points = [entry for entry in element.iter() if tag_of(entry) in ("trkpt", "rtept")]
+    if root.tag != "gpx":
+        raise ValueError(f"{place}: <{root.tag}> is no GPX; give a file that begins with <gpx>")
+    for element in root.parts():
+        kind, name, points = element.tag, _text(element, "name"), element.below("trkpt", "rtept")
         if kind in ("trk", "rte"):
             tracks.append((name, [_gpx_spot(point, f"{place}: point {k}") for k, point in enumerate(points, 1)]))
         elif kind == "wpt" and name:
@@ -124,14 +120,14 @@ def gpx_line(root: Element, place: str, selection: str = "") -> tuple[Line, tupl
     return line, names_lost(root, CARRIED_GPX)
 
 
-def _text(element: Element, tag: str) -> str:
-    found = next((entry.text for entry in children(element, tag)), None)
-    return " ".join((found or "").split())
+def _text(entry: Entry, tag: str) -> str:
+    found = entry.first(tag)
+    return " ".join(((found.element.text if found else None) or "").split())
 
 
-def _gpx_spot(point: Element, place: str) -> Spot:
+def _gpx_spot(point: Entry, place: str) -> Spot:
     latitude, longitude = (
-        number_in(point.get(key, ""), f"{place}: {key}", -most, most) for key, most in (("lat", 90), ("lon", 180))
+        number_in(point.get(key), f"{place}: {key}", -most, most) for key, most in (("lat", 90), ("lon", 180))
     )
     height = _text(point, "ele")
     return latitude, longitude, number_in(height, f"{place}: ele", -1e3, 1e4) if height else None
