@@ -33,7 +33,7 @@ CONTROL_LAYERS = (
 )  # fmt: skip
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""
 CONVENTIONS = {
-    "add_arguments": "command line of a command: one per module of train_ato.cli",
+    "finish": "end of the help of a command: one per module of train_ato.cli with such lines",
     "execute": "action of a command: one per module of train_ato.cli",
     "draw": "figures of a paper: one per paper",
     "page": "text of a page: one per kind of page in msgs_docs.generate",

@@ -34,6 +34,7 @@ from train_ato.control.gains import PRINTED
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.judge.ranking import rank_of, standings
 from train_ato.papers.claims import Case, printed
+from train_ato.program.arguments import declare_options
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
@@ -113,7 +114,7 @@ def test_a_component_says_what_it_does_and_has_a_small_figure(key: str) -> None:
 @pytest.mark.parametrize("line", sampled(CASES, every=8))
 def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
     parser = argparse.ArgumentParser()
-    run_command.add_arguments(parser)
+    declare_options(parser, run_command)
     program, name, *arguments = shlex.split(line)
     assert (program, name) == ("train-ato", "run")
     options = parser.parse_args(arguments)

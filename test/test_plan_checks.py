@@ -25,8 +25,9 @@ import train_ato as ta
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from train_ato.cli import plan as plan_command
 from train_ato.cli.driver import _until
-from train_ato.cli.plan import add_arguments, execute, plan_from_options
+from train_ato.cli.plan import execute, plan_from_options
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.planner import energy_bound, planner, value_bound
 from train_ato.profile.planner.allowance import parse_allowance
@@ -38,6 +39,7 @@ from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings, find_train
 from train_ato.profile.planner.timing_points import read_journey
 from train_ato.profile.planner.train_tables import balancing_speed, holding_force, steepest_start
+from train_ato.program.arguments import declare_options
 from train_ato.report.plan_figure import _set_places
 from train_ato.scenario.profile_spec import ProfileSpec
 
@@ -230,7 +232,7 @@ def test_a_refusal_names_the_place_that_is_too_steep(grade: int) -> None:
 
 def options(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    add_arguments(parser)
+    declare_options(parser, plan_command)
     parser.add_argument("--json", action="store_true")  # train_ato.cli.main adds it to every command
     return parser.parse_args(words)
 

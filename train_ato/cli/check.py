@@ -1,4 +1,9 @@
-"""``train-ato check-law``, ``check-observer``, ``check-compensation``: run the contract tests on a component."""
+"""``train-ato check-law``, ``check-observer``, ``check-compensation``: run the contract tests on a component.
+
+Options::
+
+    component NAME|MODULE:CLASS  registered name or a class; modules in the current folder are found
+"""
 
 import argparse
 import contextlib
@@ -6,12 +11,12 @@ import dataclasses
 import sys
 
 from train_ato.cli.screen import note_compilation, print_result
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options, add_option
 from train_ato.program.errors import RunFailed
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of a check."""
+def _add_component(parser: argparse.ArgumentParser) -> None:
+    """Declare the component, with an example of its kind."""
     kind = parser.prog.rpartition("check-")[2]
     example = f"my_{kind}:My{kind.capitalize()}"
     add_option(
@@ -19,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "component NAME|MODULE:CLASS",
         f"registered name, or for example {example}; modules in the current folder are found",
     )
+
+
+OPTIONS: Options = {"component": _add_component}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,17 +1,28 @@
-"""``train-ato compare``: compare laws in one scenario: table, figure and page; in several: a leaderboard."""
+"""``train-ato compare``: compare laws in one scenario: table, figure and page; in several: a leaderboard.
+
+Options::
+
+    scenario SCENARIO  a shipped name, NAME:variant, or a YAML file; several: the leaderboard of the laws
+    --observer         and --compensation, --seed, --set: changes of the scenario
+    --seeds N          leaderboard over N seeds from --seed on (default: 1)
+    --laws A,B,...     laws: names or MODULE:CLASS (default: all that fit the train)
+    --engine           as in run; a comparison always uses the engine
+    --out DIR          folder to make (default: runs/compare-NAME-N)
+    --strict           exit status 1 if a run is not tracked or fails a criterion of the scenario
+    --keep             keep every run with its log in DIR/LAW
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.scenario_options import KINDS, add_change_options, check_component_name, chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed, RunInterrupted, missing_packages
 
 if TYPE_CHECKING:
@@ -28,21 +39,7 @@ COMPARED = COLUMNS[:9]
 """Law and the metrics with a best value."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``compare``."""
-    add = partial(add_option, parser)
-    add(
-        "scenario SCENARIO",
-        "a shipped name, NAME:variant, or a YAML file; several: the leaderboard of the laws",
-        nargs="+",
-    )
-    add_change_options(parser)
-    add("--seeds N", "leaderboard over N seeds from --seed on (default: 1)", default=1)
-    add("--laws A,B,...", "laws: names or MODULE:CLASS (default: all that fit the train)")
-    add("--engine", "as in run; a comparison always uses the engine")
-    add("--out DIR", "folder to make (default: runs/compare-NAME-N)")
-    add("--strict", "exit status 1 if a run is not tracked or fails a criterion of the scenario")
-    add("--keep", "keep every run with its log in DIR/LAW")
+OPTIONS: Options = {"scenario": {"nargs": "+"}, "--observer": add_change_options, "--seeds": {"default": 1}}
 
 
 def execute(options: argparse.Namespace) -> None:

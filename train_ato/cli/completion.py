@@ -1,4 +1,9 @@
-"""``train-ato completion SHELL``: code that completes commands, options and names in a shell, with argcomplete."""
+"""``train-ato completion SHELL``: code that completes commands, options and names in a shell, with argcomplete.
+
+Options::
+
+    shell SHELL  one of %(choices)s
+"""
 
 import argparse
 import os
@@ -10,21 +15,23 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from train_ato.program.arguments import OneLineParser, add_option
+from train_ato.program.arguments import OneLineParser, Options
 
 SHELLS = ("bash", "zsh", "fish")
 PROGRAM = "train-ato"
 MISSING = "completion: the package argcomplete is not installed; install it with `pip install argcomplete`"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``completion``."""
+OPTIONS: Options = {"shell": {"choices": SHELLS}}
+
+
+def finish(parser: argparse.ArgumentParser) -> None:
+    """Add the lines for the files of a shell below the options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = (
         f'bash, zsh:  eval "$({PROGRAM} completion bash)"    or completion zsh; in ~/.bashrc or ~/.zshrc\n'
         f"fish:       {PROGRAM} completion fish | source      in ~/.config/fish/config.fish"
     )
-    add_option(parser, "shell SHELL", f"one of {', '.join(SHELLS)}", choices=SHELLS)
 
 
 def execute(options: argparse.Namespace) -> None:

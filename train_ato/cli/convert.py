@@ -1,28 +1,21 @@
-"""``train-ato convert IN OUT``: write a line or a train of a foreign file in the own format."""
+"""``train-ato convert IN OUT``: write a line or a train of a foreign file in the own format.
+
+Options::
+
+    source IN   line ({lines}), train ({trains}) or shipped name; a path through a network of tracks is FILE:FROM..TO
+                or FILE:FROM..VIA..TO, one of several paths or trains FILE:NAME, an effort curve TRAIN:MODE, a line
+                against its direction LINE:reverse
+    target OUT  new file; the ending is the format: .yaml of this package, .railml or .xml of railML 3, .json of
+                TTOBench for a line, of OSRD for a train, or .csv, .gpx or .geojson for a line
+"""
 
 import argparse
 import sys
 
-from train_ato.program.arguments import add_option
+from plant_sim.formats.fields import LINE_FORMATS, TRAIN_FORMATS
+from train_ato.program.arguments import Options
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``convert``."""
-    from plant_sim.formats.fields import LINE_FORMATS, TRAIN_FORMATS
-
-    add_option(
-        parser,
-        "source IN",
-        f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
-        "FILE:FROM..TO or FILE:FROM..VIA..TO, one of several paths or trains FILE:NAME, an effort curve TRAIN:MODE, a "
-        "line against its direction LINE:reverse",
-    )
-    add_option(
-        parser,
-        "target OUT",
-        "new file; the ending is the format: .yaml of this package, .railml or .xml of railML 3, .json of "
-        "TTOBench for a line, of OSRD for a train, or .csv, .gpx or .geojson for a line",
-    )
+OPTIONS: Options = {"source": {"words": {"lines": LINE_FORMATS, "trains": TRAIN_FORMATS}}}
 
 
 def execute(options: argparse.Namespace) -> None:

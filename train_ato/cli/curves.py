@@ -1,12 +1,24 @@
-"""``train-ato curves CASE.json | SCENARIO``: braking curves and supervision limits after SUBSET-026, 3.13."""
+"""``train-ato curves CASE.json | SCENARIO``: braking curves and supervision limits after SUBSET-026, 3.13.
+
+Options::
+
+    case CASE.json | SCENARIO  file of cases, or a scenario for its train and line
+    --at-km KM                 end of authority of a scenario [km], or a post as 84+500 (default: last stop of the
+                               line, or its end)
+    --max-speed-kmh V          maximum speed of the train of a scenario (default: highest limit of the line, 80 without
+                               limits)
+    --acceleration A           estimated acceleration of the train of a scenario [m/s²] (default: 0)
+    --balise-m D               distance since the last balise, for the errors of the odometry (default: exact odometry)
+    --deviation                print the largest deviation from the distances in the file, in place of the curves
+    --out FILE                 figure (.png, .pdf, .svg)
+"""
 
 import argparse
 import sys
-from functools import partial
 from typing import Any
 
 from train_ato.cli.plan import kilometre
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.display_units import display_unit
 
 DEVIATION_TITLE = "largest deviation in {}"
@@ -14,23 +26,7 @@ WIDTH = 11
 """Characters of a column of distances."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``curves``."""
-    add = partial(add_option, parser)
-    add("case CASE.json | SCENARIO", "file of cases, or a scenario for its train and line")
-    add(
-        "--at-km KM",
-        "end of authority of a scenario [km], or a post as 84+500 (default: last stop of the line, or its end)",
-        type=kilometre,
-    )
-    add(
-        "--max-speed-kmh V",
-        "maximum speed of the train of a scenario (default: highest limit of the line, 80 without limits)",
-    )
-    add("--acceleration A", "estimated acceleration of the train of a scenario [m/s²] (default: 0)", type=float)
-    add("--balise-m D", "distance since the last balise, for the errors of the odometry (default: exact odometry)")
-    add("--deviation", "print the largest deviation from the distances in the file, in place of the curves")
-    add("--out FILE", "figure (.png, .pdf, .svg)")
+OPTIONS: Options = {"--at-km": {"type": kilometre}, "--acceleration": {"type": float}}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -7,10 +7,6 @@ from train_ato.cli.new import data_folder
 from train_ato.cli.screen import print_result
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``docs``."""
-
-
 def execute(options: argparse.Namespace) -> None:
     """Print the entrance of the site, and open it in a browser; with ``--json`` only print it."""
     page = data_folder("site", "index.html") / "index.html"

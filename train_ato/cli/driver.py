@@ -1,4 +1,14 @@
-"""``train-ato driver``: simulate a driver on the nominal multi-mass train and write the run as a speed profile."""
+"""``train-ato driver``: simulate a driver on the nominal multi-mass train and write the run as a speed profile.
+
+Options::
+
+    line LINE        shipped line or file
+    consist CONSIST  shipped train or file
+    --until-km KM    last position of vehicle 0 [km], or a post as 84+500; the train is still moving there
+    --speed-kmh V    target speed of the driver, also above the limits of the line (default: 70)
+    --spacing S      time between the knots of the profile (default: 0.5)
+    --out FILE       profile to write (.csv, .yaml)
+"""
 
 from __future__ import annotations
 
@@ -6,12 +16,11 @@ import argparse
 import dataclasses
 import sys
 from contextlib import suppress
-from functools import partial
 from typing import TYPE_CHECKING
 
 from train_ato.cli.plan import kilometre
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option, check_new_file
+from train_ato.program.arguments import Options, check_new_file
 from train_ato.program.display_units import shown_text
 
 if TYPE_CHECKING:
@@ -20,20 +29,12 @@ if TYPE_CHECKING:
     from train_ato.profile.profile import Profile
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``driver``."""
-    add = partial(add_option, parser)
-    add("line LINE", "shipped line or file")
-    add("consist CONSIST", "shipped train or file")
-    add(
-        "--until-km KM",
-        "last position of vehicle 0 [km], or a post as 84+500; the train is still moving there",
-        type=kilometre,
-        required=True,
-    )
-    add("--speed-kmh V", "target speed of the driver, also above the limits of the line (default: 70)", default=70.0)
-    add("--spacing S", "time between the knots of the profile (default: 0.5)", default=0.5)
-    add("--out FILE", "profile to write (.csv, .yaml)", required=True)
+OPTIONS: Options = {
+    "--until-km": {"type": kilometre, "required": True},
+    "--speed-kmh": {"default": 70.0},
+    "--spacing": {"default": 0.5},
+    "--out": {"required": True},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,4 +1,18 @@
-"""``train-ato export``: write the tables of a run as Parquet or CSV files, or its log with the train on the line."""
+"""``train-ato export``: write the tables of a run as Parquet or CSV files, or its log with the train on the line.
+
+Options::
+
+    run RUN         run folder or MCAP file
+    --parquet       write Parquet (the default)
+    --csv           write CSV; with --parquet both
+    --scene         write a copy of the log with /tf, markers and track
+    --rerun         write a recording for the Rerun viewer (pip install rerun-sdk)
+    --figure FILE   with --scene: also a picture (PNG, SVG, PDF)
+    --at S          with --figure: time in s (default: the largest force)
+    --rate HZ       with --scene, --rerun: messages per second (default: 5)
+    --out DIR       new folder (default: export or scene in the run folder)
+    --topics TOPIC  only these topics (default: all)
+"""
 
 import argparse
 import dataclasses
@@ -6,27 +20,13 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 from train_ato.cli.screen import print_json, print_result, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import check_packages
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``export``."""
-    add = partial(add_option, parser)
-    add("run RUN", "run folder or MCAP file")
-    add("--parquet", "write Parquet (the default)")
-    add("--csv", "write CSV; with --parquet both")
-    add("--scene", "write a copy of the log with /tf, markers and track")
-    add("--rerun", "write a recording for the Rerun viewer (pip install rerun-sdk)")
-    add("--figure FILE", "with --scene: also a picture (PNG, SVG, PDF)")
-    add("--at S", "with --figure: time in s (default: the largest force)")
-    add("--rate HZ", "with --scene, --rerun: messages per second (default: 5)")
-    add("--out DIR", "new folder (default: export or scene in the run folder)")
-    add("--topics TOPIC", "only these topics (default: all)", nargs="+")
+OPTIONS: Options = {"--topics": {"nargs": "+"}}
 
 
 def execute(options: argparse.Namespace) -> None:

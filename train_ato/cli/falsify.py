@@ -1,15 +1,28 @@
-"""``train-ato falsify``: search the smallest change of a scenario that breaks a requirement."""
+"""``train-ato falsify``: search the smallest change of a scenario that breaks a requirement.
+
+Options::
+
+    scenario SCENARIO  a shipped name, NAME:variant, or a YAML file
+    --observer         and --compensation, --seed, --set: changes of the scenario
+    --law NAME         control law: a name, or MODULE:CLASS without registration
+    --requirement R    requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'
+    --over SPEC        YAML file with the keys that vary: block 'over:'
+    --runs N           largest number of runs (default: %(default)s)
+    --jobs N           number of processes (default: 1)
+    --first            end with the first break, without a smaller departure
+    --out DIR          folder; a search that is already there is continued (default: runs/falsify-NAME-N)
+    --strict           exit status 1 if the requirement was broken
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.scenario_options import add_scenario_options, chosen_components
-from train_ato.program.arguments import add_option
+from train_ato.cli.scenario_options import add_change_options, chosen_components
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed, RunInterrupted
 
 if TYPE_CHECKING:
@@ -20,22 +33,13 @@ RUNS = 100
 """Default of the largest number of runs."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``falsify``."""
-    add_scenario_options(parser)
-    add = partial(add_option, parser)
-    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
-    add(
-        "--requirement R",
-        "requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'",
-        required=True,
-    )
-    add("--over SPEC", "YAML file with the keys that vary: block 'over:'", required=True)
-    add("--runs N", f"largest number of runs (default: {RUNS})", default=RUNS)
-    add("--jobs N", "number of processes (default: 1)", default=1)
-    add("--first", "end with the first break, without a smaller departure")
-    add("--out DIR", "folder; a search that is already there is continued (default: runs/falsify-NAME-N)")
-    add("--strict", "exit status 1 if the requirement was broken")
+OPTIONS: Options = {
+    "--observer": add_change_options,
+    "--requirement": {"required": True},
+    "--over": {"required": True},
+    "--runs": {"default": RUNS},
+    "--jobs": {"default": 1},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,16 +1,35 @@
-"""``train-ato import``: convert a measured speed and force history to a run folder and a speed profile."""
+"""``train-ato import``: convert a measured speed and force history to a run folder and a speed profile.
+
+Options::
+
+    csv CSV                  file of the on-board recorder
+    --train, --consist NAME  measured train: shipped name or file (required)
+    --line NAME              line of the measurement: shipped name or file (required)
+    --layout NAME            layout of the recorder, its titles, notches and units: a file, or {layouts}
+    --rename A:=B            read column A as column B
+    --ignore COLUMN          ignore columns
+    --from-km KM             position of the front at the first row [km], or a post as 84+500, for a file without a
+                             position column
+    --tick S                 period of the run (default: 0.1 s)
+    --largest-gap S          longest gap to bridge (default: %(default)g s)
+    --smooth S               averaging window of the profile, 0: none (default: from the resolution)
+    --sort                   sort the rows by time and remove repeated rows
+    --profile-only           write only the profile; no force column is needed
+    --name NAME              name of the run (default: name of the file)
+    --out DIR                new run folder; with --profile-only: CSV file to write
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.api.import_csv.columns import MAX_GAP, QUANTITIES, TIMESTAMP, layout_names
 from train_ato.cli.plan import kilometre
 from train_ato.cli.screen import print_json, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 if TYPE_CHECKING:
     from train_ato.api.importing import MeasuredRun
@@ -27,8 +46,6 @@ ROWS: tuple[tuple[str, str], ...] = (
 
 def _columns_text() -> str:
     """Return the description of the columns for the help."""
-    from train_ato.api.import_csv.columns import QUANTITIES, TIMESTAMP
-
     width = max(len(" | ".join(quantity.names)) for quantity in QUANTITIES)
     lines = [f"  {' | '.join(q.names):{width}}  {q.meaning}" for q in QUANTITIES]
     of_unit = ", ".join(quantity.name for quantity in QUANTITIES if quantity.of_unit)
@@ -57,34 +74,20 @@ def _columns_text() -> str:
     )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``import``."""
-    from train_ato.api.import_csv.columns import MAX_GAP, layout_names
+OPTIONS: Options = {
+    "--layout": {"words": {"layouts": ", ".join(layout_names())}},
+    "--rename": {"nargs": "+", "action": "extend"},
+    "--ignore": {"nargs": "+", "action": "extend"},
+    "--from-km": {"type": kilometre},
+    "--tick": {"default": 0.1},
+    "--largest-gap": {"default": MAX_GAP},
+}
 
+
+def finish(parser: argparse.ArgumentParser) -> None:
+    """Add the columns of a file below the options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
-    add = partial(add_option, parser)
-    add("csv CSV", "file of the on-board recorder")
-    add("--train, --consist NAME", "measured train: shipped name or file (required)")
-    add("--line NAME", "line of the measurement: shipped name or file (required)")
-    add(
-        "--layout NAME",
-        f"layout of the recorder, its titles, notches and units: a file, or {', '.join(layout_names())}",
-    )
-    add("--rename A:=B", "read column A as column B", nargs="+", action="extend")
-    add("--ignore COLUMN", "ignore columns", nargs="+", action="extend")
-    add(
-        "--from-km KM",
-        "position of the front at the first row [km], or a post as 84+500, for a file without a position column",
-        type=kilometre,
-    )
-    add("--tick S", "period of the run (default: 0.1 s)", default=0.1)
-    add("--largest-gap S", f"longest gap to bridge (default: {MAX_GAP:g} s)", default=MAX_GAP)
-    add("--smooth S", "averaging window of the profile, 0: none (default: from the resolution)")
-    add("--sort", "sort the rows by time and remove repeated rows")
-    add("--profile-only", "write only the profile; no force column is needed")
-    add("--name NAME", "name of the run (default: name of the file)")
-    add("--out DIR", "new run folder; with --profile-only: CSV file to write")
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,4 +1,13 @@
-"""``train-ato info``: print topics, rates, gaps, changes and versions of a run or a log."""
+"""``train-ato info``: print topics, rates, gaps, changes and versions of a run or a log.
+
+Options::
+
+    run RUN                run folder, single log, or run.mcap.partial
+    --requirement FORMULA  also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be
+                           repeated
+    --fatigue OTHER        also count the force cycles of the couplers (rainflow) and print their fatigue damage. One
+                           cycle of 1 MN counts 1, with the slope 5. With the run or log OTHER the ratio is printed too
+"""
 
 from __future__ import annotations
 
@@ -6,13 +15,12 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 if TYPE_CHECKING:
     from train_ato.log.overview import Overview, TopicOverview
@@ -23,22 +31,7 @@ ALONE = Path()
 """Value of ``--fatigue`` without another run."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``info``."""
-    add = partial(add_option, parser)
-    add("run RUN", "run folder, single log, or run.mcap.partial")
-    add(
-        "--requirement FORMULA",
-        "also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be repeated",
-        action="append",
-    )
-    add(
-        "--fatigue OTHER",
-        "also count the force cycles of the couplers (rainflow) and print their fatigue damage. One cycle of 1 MN "
-        "counts 1, with the slope 5. With the run or log OTHER the ratio is printed too",
-        nargs="?",
-        const=ALONE,
-    )
+OPTIONS: Options = {"--requirement": {"action": "append"}, "--fatigue": {"nargs": "?", "const": ALONE}}
 
 
 def execute(options: argparse.Namespace) -> None:

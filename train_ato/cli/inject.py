@@ -1,13 +1,19 @@
 """``train-ato inject``: inject a gust, a delay change, a fault or the emergency brake into a running simulation.
 
 It also sends requests to the ATO: engage, disengage, reset.
+
+Options::
+
+    action ACTION          one of the actions below
+    parameters NAME=VALUE  parameter of a gust, a delay jump or a fault; kept for the next call
+    --domain               and --namespace: the running train
 """
 
 import argparse
 from typing import NamedTuple
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option, add_train, parse_yaml_value
+from train_ato.program.arguments import Options, add_train, parse_yaml_value
 
 
 class Action(NamedTuple):
@@ -45,18 +51,13 @@ WITH_PARAMETERS = ("gust", "delay_jump", "message_loss", "message_freeze", "driv
 """Services with strengths that are parameters."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``inject``."""
+OPTIONS: Options = {"action": {"choices": tuple(ACTIONS)}, "parameters": {"nargs": "*"}, "--domain": add_train}
+
+
+def finish(parser: argparse.ArgumentParser) -> None:
+    """Add the actions below the options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "actions:\n" + "\n".join(f"  {name:<16} {action.meaning}" for name, action in ACTIONS.items())
-    add_option(parser, "action ACTION", "one of the actions below", choices=tuple(ACTIONS))
-    add_option(
-        parser,
-        "parameters NAME=VALUE",
-        "parameter of a gust, a delay jump or a fault; kept for the next call",
-        nargs="*",
-    )
-    add_train(parser)
 
 
 def execute(options: argparse.Namespace) -> None:

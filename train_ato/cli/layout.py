@@ -1,24 +1,27 @@
-"""``train-ato layout``: write a layout of a viewer for one run."""
+"""``train-ato layout``: write a layout of a viewer for one run.
+
+Options::
+
+    run RUN        run folder or MCAP file
+    --foxglove     layout for Foxglove
+    --studio       layout for Foxglove Studio 1 (the last open version 1.87), in SI units
+    --plotjuggler  layout for PlotJuggler 3; it opens the log too
+    --scene        Foxglove: with the train on its line, as `view RUN --foxglove` sends it
+    --out FILE     new file (default: beside the log)
+"""
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import refused_unwritten
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``layout``."""
-    add = partial(add_option, parser)
-    add("run RUN", "run folder or MCAP file")
-    viewer = parser.add_mutually_exclusive_group(required=True)
-    add_option(viewer, "--foxglove", "layout for Foxglove")
-    add_option(viewer, "--studio", "layout for Foxglove Studio 1 (the last open version 1.87), in SI units")
-    add_option(viewer, "--plotjuggler", "layout for PlotJuggler 3; it opens the log too")
-    add("--scene", "Foxglove: with the train on its line, as `view RUN --foxglove` sends it")
-    add("--out FILE", "new file (default: beside the log)")
+OPTIONS: Options = {
+    "--foxglove": {"one_of": "viewer", "required": True},
+    "--studio": {"one_of": "viewer", "required": True},
+    "--plotjuggler": {"one_of": "viewer", "required": True},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,12 +1,24 @@
-"""``train-ato learn``: learn the resistance that repeats from run to run, from repeated or recorded runs."""
+"""``train-ato learn``: learn the resistance that repeats from run to run, from repeated or recorded runs.
+
+Options::
+
+    source SCENARIO|RUN  one scenario to repeat, or folders of recorded runs
+    --law NAME           control law: a name, or MODULE:CLASS without registration
+    --observer           and --compensation, --seed, --set: changes of the scenario
+    --runs N             number of repeated runs (default: 5)
+    --gust-shift S       largest random shift of the disturbances that are functions of time, new in every run
+                         (default: 0)
+    --spacing M          distance between the values (default: %(default)g)
+    --memory N           number of the last runs that count (default: %(default)s)
+    --out FILE           learned resistance to write (.yaml)
+"""
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 
 from train_ato.cli.scenario_options import add_change_options, prepare_from
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 RUNS, SPACING, MEMORY = 5, 5.0, 20
 """Defaults of the options; the last two are those of :mod:`train_ato.studies.learn`."""
@@ -14,20 +26,13 @@ OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shi
 """Options without an effect on recorded runs."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``learn``."""
-    add = partial(add_option, parser)
-    add("source SCENARIO|RUN", "one scenario to repeat, or folders of recorded runs", nargs="+")
-    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
-    add_change_options(parser)
-    add("--runs N", f"number of repeated runs (default: {RUNS})")
-    add(
-        "--gust-shift S",
-        "largest random shift of the disturbances that are functions of time, new in every run (default: 0)",
-    )
-    add("--spacing M", f"distance between the values (default: {SPACING:g})", default=SPACING)
-    add("--memory N", f"number of the last runs that count (default: {MEMORY})", default=MEMORY)
-    add("--out FILE", "learned resistance to write (.yaml)", required=True)
+OPTIONS: Options = {
+    "source": {"nargs": "+"},
+    "--observer": add_change_options,
+    "--spacing": {"default": SPACING},
+    "--memory": {"default": MEMORY},
+    "--out": {"required": True},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

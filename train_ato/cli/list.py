@@ -1,4 +1,9 @@
-"""``train-ato list [NAME | FILE.yaml]``: all names with one line each, or the details of one name or file."""
+"""``train-ato list [NAME | FILE.yaml]``: all names with one line each, or the details of one name or file.
+
+Options::
+
+    name NAME | FILE.yaml  print details of this name, or of a scenario, following, consist or line file
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from plant_sim.input_error import close_match
 from plant_sim.units import number_text
 from train_ato.cli.screen import print_json, print_names
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 if TYPE_CHECKING:
     from plant_sim.consist import Consist
@@ -223,14 +228,7 @@ def _line(line: Line) -> Facts:
     return facts | {"source": line.source}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``list``."""
-    add_option(
-        parser,
-        "name NAME | FILE.yaml",
-        "print details of this name, or of a scenario, following, consist or line file",
-        nargs="?",
-    )
+OPTIONS: Options = {"name": {"nargs": "?"}}
 
 
 def catalogue() -> dict[str, dict[str, str]]:

@@ -12,7 +12,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from plant_sim.input_error import InputFaults
-from train_ato.program.arguments import BAD_INPUT, OneLineParser, add_option, prepare_streams, shortened
+from train_ato.program.arguments import (
+    BAD_INPUT,
+    OneLineParser,
+    add_option,
+    declare_options,
+    prepare_streams,
+    shortened,
+)
 from train_ato.program.display_units import displayed_in
 from train_ato.program.errors import RunFailed, unloaded_package
 from train_ato.program.interrupt import Interrupt, ProcessExit, ending_like_ctrl_c, no_silent_exit, text_of_exit
@@ -79,7 +86,9 @@ class _Command(OneLineParser):
         """Declare the options, once."""
         if self.get_default("execute") is None:
             module = importlib.import_module(self.module)
-            module.add_arguments(self)
+            declare_options(self, module)
+            if hasattr(module, "finish"):
+                module.finish(self)
             if self.module not in WITHOUT_JSON:
                 add_option(self, "--json", "print one JSON value and nothing else")
             if self.prog.rpartition(" ")[2] in WITH_UNITS:

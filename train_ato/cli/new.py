@@ -1,14 +1,20 @@
-"""``train-ato new KIND NAME``: write a commented file of one's own that runs as it is."""
+"""``train-ato new KIND NAME``: write a commented file of one's own that runs as it is.
+
+Options::
+
+    kind KIND       %(choices)s
+    name NAME       name of the new thing; the file is NAME.yaml or NAME.py
+    --like SHIPPED  begin with this shipped one (train-ato list) in place of the template
+"""
 
 import argparse
 import re
 from contextlib import ExitStack
-from functools import partial
 from importlib.util import find_spec
 from keyword import iskeyword
 from pathlib import Path
 
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 YAML_KINDS = ("train", "line", "journey", "scenario")
 CODE_KINDS = {"law": "MyLaw", "observer": "MyObserver", "compensation": "MyCompensation"}
@@ -21,12 +27,7 @@ MISSING = {
 """Message for each folder that an installation may lack."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``new``."""
-    add = partial(add_option, parser)
-    add("kind KIND", "%(choices)s", choices=(*YAML_KINDS, *CODE_KINDS))
-    add("name NAME", "name of the new thing; the file is NAME.yaml or NAME.py")
-    add("--like SHIPPED", "begin with this shipped one (train-ato list) in place of the template")
+OPTIONS: Options = {"kind": {"choices": (*YAML_KINDS, *CODE_KINDS)}}
 
 
 def execute(options: argparse.Namespace) -> None:

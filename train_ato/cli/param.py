@@ -1,17 +1,19 @@
-"""``train-ato param``: change a parameter of a node of a running simulation, for example the control law."""
+"""``train-ato param``: change a parameter of a node of a running simulation, for example the control law.
+
+Options::
+
+    assignment NAME=VALUE  parameter and value, for example law=smc or pid.kp=0.04
+    --node NAME            node of the parameter (default: controller)
+    --domain               and --namespace: the running train
+"""
 
 import argparse
 import sys
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option, add_train, parse_yaml_value
+from train_ato.program.arguments import Options, add_train, parse_yaml_value
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``param``."""
-    add_option(parser, "assignment NAME=VALUE", "parameter and value, for example law=smc or pid.kp=0.04")
-    add_option(parser, "--node NAME", "node of the parameter (default: controller)", default="controller")
-    add_train(parser)
+OPTIONS: Options = {"--node": {"default": "controller"}, "--domain": add_train}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,4 +1,11 @@
-"""``train-ato params``: print the parameters of the nodes of a scenario as a ROS 2 parameter file."""
+"""``train-ato params``: print the parameters of the nodes of a scenario as a ROS 2 parameter file.
+
+Options::
+
+    scenario SCENARIO  a shipped name, NAME:variant, or a YAML file
+    --observer         and --compensation, --seed, --set: changes of the scenario
+    --law NAME         control law (default: as in the scenario)
+"""
 
 from __future__ import annotations
 
@@ -7,9 +14,9 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.scenario_options import add_scenario_options, prepare_from
+from train_ato.cli.scenario_options import add_change_options, prepare_from
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -17,10 +24,7 @@ if TYPE_CHECKING:
 OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service", "scenario"})
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``params``."""
-    add_scenario_options(parser)
-    add_option(parser, "--law NAME", "control law (default: as in the scenario)")
+OPTIONS: Options = {"--observer": add_change_options}
 
 
 def execute(options: argparse.Namespace) -> None:

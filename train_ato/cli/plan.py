@@ -1,4 +1,40 @@
-"""``train-ato plan LINE CONSIST``: compute a speed profile."""
+"""``train-ato plan LINE CONSIST``: compute a speed profile.
+
+Options::
+
+    line LINE                shipped line or file, in any format of `train-ato convert`; with :reverse, against its
+                             direction
+    consist CONSIST          shipped train, or file in any format of `train-ato convert`
+    --from-km KM             start position of the front [km], or a post as 84+500 (default: first stop; with --trip
+                             begin of the line)
+    --to-km KM               stop position of the front [km], or a post as 84+500 (default: last stop)
+    --time S                 timetable: running time with dwell times (default: minimum time)
+    --allowance TIME         supplement to the least running time between two stops, without --time: 5%, 1.5min/100km,
+                             10s/stop, joined by +. :KM..KM after it limits it to a section (kilometres, or posts as
+                             84+500). May be repeated
+    --journey FILE           timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON
+    --no-bound               with --time: without the lower bound of the energy, some seconds faster
+    --dwell S                dwell time at intermediate stops (default: as in the line)
+    --through                pass the intermediate stops of the line
+    --acceleration A         maximum acceleration [m/s²], or none
+    --deceleration A         maximum deceleration [m/s²], or none
+    --jerk J                 jerk limit [m/s³], or none
+    --force-margin FRACTION  fraction of the maximum forces kept in reserve
+    --efficiency FRACTION    of traction, in the net energy (default: as in the train's file, else 1)
+    --recovered FRACTION     share of the electric-brake work that returns to the line (default: as in the train's
+                             file, else 0)
+    --auxiliary-kw KW        auxiliary power in the net energy
+    --max-speed-kmh V        speed limit of the train
+    --no-air-brake           use electric brakes only
+    --point-mass             point mass at the front: speed limits and grades end where the front leaves them
+    --period S               time between the knots of the profile (default: 0.1)
+    --out FILE               profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated
+    --trip FILE              plan a long train with the applications of its air brake. FILE has weights and limits
+                             (YAML). The objective in kWh is energy + time_weight T + fatigue_weight D. T is the
+                             running time in s; --time replaces time_weight. D is the damage of the couplers: one force
+                             cycle of 1 MN of one coupler counts 1 (10 to 20 on 45 km with 10 700 t)
+    --base SCENARIO          with --trip: scenario with plant, delays and criteria of the written one
+"""
 
 from __future__ import annotations
 
@@ -8,12 +44,11 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import InputFaults, explain
-from train_ato.program.arguments import OPTIONS_OF_PLAN, add_option, check_new_file
+from train_ato.program.arguments import OPTIONS_OF_PLAN, Options, check_new_file
 from train_ato.program.display_units import shown_text
 from train_ato.program.errors import RunInterrupted, check_packages
 
@@ -40,22 +75,6 @@ _OPTIONS = {
     )},
 }  # fmt: skip
 """Option of each setting of a plan that a refusal can name."""
-
-
-def add_trip_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of a trip plan."""
-    add_option(
-        parser,
-        "--trip FILE",
-        "plan a long train with the applications of its air brake. FILE has weights and limits (YAML). The "
-        "objective in kWh is energy + time_weight T + fatigue_weight D. T is the running time in s; --time replaces "
-        "time_weight. D is the damage of the couplers: one force cycle of 1 MN of one coupler counts 1 (10 to 20 on "
-        "45 km with 10 700 t)",
-        nargs="?",
-        const=DEFAULTS,
-        type=None,
-    )
-    add_option(parser, "--base SCENARIO", "with --trip: scenario with plant, delays and criteria of the written one")
 
 
 def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None) -> dict[str, Any]:
@@ -173,66 +192,6 @@ def _trip_settings(options: argparse.Namespace) -> Any:
     except ValidationError as error:
         source = OPTIONS_OF_PLAN if options.trip == DEFAULTS else options.trip
         raise explain(error, source, TripSettings, data) from None
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``plan``."""
-    least = _number(0.0)
-    add = partial(add_option, parser)
-    add("line LINE", "shipped line or file, in any format of `train-ato convert`; with :reverse, against its direction")
-    add("consist CONSIST", "shipped train, or file in any format of `train-ato convert`")
-    add(
-        "--from-km KM",
-        "start position of the front [km], or a post as 84+500 (default: first stop; with --trip begin of the line)",
-        dest="begin_km",
-        type=kilometre,
-    )
-    add(
-        "--to-km KM",
-        "stop position of the front [km], or a post as 84+500 (default: last stop)",
-        dest="end_km",
-        type=kilometre,
-    )
-    add("--time S", "timetable: running time with dwell times (default: minimum time)", type=least)
-    add(
-        "--allowance TIME",
-        "supplement to the least running time between two stops, without --time: 5%%, 1.5min/100km, 10s/stop, "
-        "joined by +. :KM..KM after it limits it to a section (kilometres, or posts as 84+500). May be repeated",
-        type=_allowance,
-        action="append",
-        default=None,
-    )
-    add(
-        "--journey FILE",
-        "timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON",
-        type=None,
-    )
-    add("--no-bound", "with --time: without the lower bound of the energy, some seconds faster")
-    add("--dwell S", "dwell time at intermediate stops (default: as in the line)", type=least)
-    add("--through", "pass the intermediate stops of the line")
-    _add_train_arguments(parser, least)
-    add("--period S", "time between the knots of the profile (default: 0.1)", type=least, default=0.1)
-    add("--out FILE", "profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated", action="append")
-    add_trip_arguments(parser)
-
-
-def _add_train_arguments(parser: argparse.ArgumentParser, least: Callable[[str], float]) -> None:
-    """Declare the options of comfort, forces and energy of the train."""
-    add = partial(add_option, parser)
-    add("--acceleration A", "maximum acceleration [m/s²], or none", type=_limit)
-    add("--deceleration A", "maximum deceleration [m/s²], or none", type=_limit)
-    add("--jerk J", "jerk limit [m/s³], or none", type=_limit)
-    add("--force-margin FRACTION", "fraction of the maximum forces kept in reserve", type=least)
-    add("--efficiency FRACTION", "of traction, in the net energy (default: as in the train's file, else 1)", type=least)
-    add(
-        "--recovered FRACTION",
-        "share of the electric-brake work that returns to the line (default: as in the train's file, else 0)",
-        type=least,
-    )
-    add("--auxiliary-kw KW", "auxiliary power in the net energy", type=least)
-    add("--max-speed-kmh V", "speed limit of the train", type=least)
-    add("--no-air-brake", "use electric brakes only")
-    add("--point-mass", "point mass at the front: speed limits and grades end where the front leaves them")
 
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -398,3 +357,18 @@ def _allowance(text: str) -> Allowance:
 def _limit(text: str) -> float:
     """Return a limit [SI]; infinity for 'none'."""
     return math.inf if text.lower() == "none" else _number(0.0)(text)
+
+
+_LEAST, _LIMIT = {"type": _number(0.0)}, {"type": _limit}
+OPTIONS: Options = {
+    **dict.fromkeys(("--time", "--dwell", "--force-margin", "--efficiency", "--recovered"), _LEAST),
+    **dict.fromkeys(("--auxiliary-kw", "--max-speed-kmh"), _LEAST),
+    **dict.fromkeys(("--acceleration", "--deceleration", "--jerk"), _LIMIT),
+    "--from-km": {"dest": "begin_km", "type": kilometre},
+    "--to-km": {"dest": "end_km", "type": kilometre},
+    "--allowance": {"type": _allowance, "action": "append", "default": None},
+    "--journey": {"type": None},
+    "--period": {**_LEAST, "default": 0.1},
+    "--out": {"action": "append"},
+    "--trip": {"nargs": "?", "const": DEFAULTS, "type": None},
+}

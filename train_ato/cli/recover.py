@@ -1,15 +1,14 @@
-"""``train-ato recover``: restore a readable log from an incomplete or damaged one."""
+"""``train-ato recover``: restore a readable log from an incomplete or damaged one.
+
+Options::
+
+    file FILE  run.mcap.partial, a damaged log, or its folder
+"""
 
 import argparse
 import dataclasses
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``recover``."""
-    add_option(parser, "file FILE", "run.mcap.partial, a damaged log, or its folder")
 
 
 def execute(options: argparse.Namespace) -> None:

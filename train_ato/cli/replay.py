@@ -1,4 +1,26 @@
-"""``train-ato replay``: publish a recorded run on its topics, or evaluate a law on its inputs."""
+"""``train-ato replay``: publish a recorded run on its topics, or evaluate a law on its inputs.
+
+Options::
+
+    run RUN                      run folder or MCAP file
+    -r, --rate R                 simulated seconds per second (default: 1); max: limited only by the subscribers
+    --start-offset S             start at this simulated time
+    --playback-duration S        simulated duration
+    -d, --delay S                wall time before the start of every loop
+    -l, --loop                   repeat until Ctrl-C
+    -p, --start-paused           start in pause; only latched topics are sent before the service resume
+    --clock HZ                   publish /clock at this rate of wall time (without HZ: 40) instead of the recorded one
+    --wait-for-all-acked MS      maximum wait at the end for the acknowledgement of all messages; 0: no limit (default:
+                                 5000)
+    --topics TOPIC               publish only these topics
+    --exclude-topics TOPIC       publish all other topics
+    -m, --remap A:=B             publish a topic under another name
+    --disable-keyboard-controls  do not read keys from the terminal
+    --domain N                   ROS domain (default: ROS_DOMAIN_ID or 0)
+    --law NAME                   law to evaluate; a single MCAP file needs the scenario as an attachment
+    --set A.B=V                  change a key of the scenario; may be repeated
+    --out FILE                   figure: .png, .svg or .pdf (default: beside the log)
+"""
 
 from __future__ import annotations
 
@@ -10,12 +32,11 @@ import select
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json, print_table
-from train_ato.program.arguments import add_option, parse_rate
+from train_ato.program.arguments import Options, parse_rate
 
 if TYPE_CHECKING:
     from train_ato.playback.playback import Playback, ReplayState
@@ -77,8 +98,25 @@ def keyboard(*, wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``replay``."""
+_LAW = {"group": "evaluation of a law on the recorded inputs (no publishing)"}
+OPTIONS: Options = {
+    "-r": {"type": parse_rate, "default": 1.0},
+    "--start-offset": {"default": 0.0},
+    "-d": {"default": 0.0},
+    "--clock": {"nargs": "?", "const": 40.0},
+    "--topics": {"nargs": "+", "default": []},
+    "--exclude-topics": {"nargs": "+", "default": []},
+    "-m": {"nargs": "+", "default": []},
+    "--law": _LAW,
+    "--set": {**_LAW, "action": "append"},
+    "--out": _LAW,
+}
+
+
+def finish(parser: argparse.ArgumentParser) -> None:
+    """Keep the options without effect with --law; add the services and keys below all options."""
+    own = ("help", "run", "law", "set", "out")
+    parser.set_defaults(publishing=[action for action in parser._actions if action.dest not in own])
     parser.epilog = (
         "During the replay the node /rosbag2_player has the services of `ros2 bag play`: pause, resume, "
         "toggle_paused, is_paused, get_rate, set_rate, play_next, burst, seek, play, stop. Their types are those of "
@@ -86,45 +124,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "start_offset and playback_duration; see msgs_docs/replay.md. Keys: space pauses and resumes, right sends the "
         "next message during a pause, up and down change the rate by 10 %."
     )
-    add_option(parser, "run RUN", "run folder or MCAP file")
-    parser.set_defaults(publishing=_add_publishing(parser))
-    law = parser.add_argument_group("evaluation of a law on the recorded inputs (no publishing)")
-    add_option(law, "--law NAME", "law to evaluate; a single MCAP file needs the scenario as an attachment")
-    add_option(law, "--set A.B=V", "change a key of the scenario; may be repeated", action="append")
-    add_option(law, "--out FILE", "figure: .png, .svg or .pdf (default: beside the log)")
-
-
-def _add_publishing(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    """Declare the options without effect with --law, and return them."""
-    add = partial(add_option, parser)
-    return [
-        add(
-            "-r, --rate R",
-            "simulated seconds per second (default: 1); max: limited only by the subscribers",
-            type=parse_rate,
-            default=1.0,
-        ),
-        add("--start-offset S", "start at this simulated time", default=0.0),
-        add("--playback-duration S", "simulated duration"),
-        add("-d, --delay S", "wall time before the start of every loop", default=0.0),
-        add("-l, --loop", "repeat until Ctrl-C"),
-        add("-p, --start-paused", "start in pause; only latched topics are sent before the service resume"),
-        add(
-            "--clock HZ",
-            "publish /clock at this rate of wall time (without HZ: 40) instead of the recorded one",
-            nargs="?",
-            const=40.0,
-        ),
-        add(
-            "--wait-for-all-acked MS",
-            "maximum wait at the end for the acknowledgement of all messages; 0: no limit (default: 5000)",
-        ),
-        add("--topics TOPIC", "publish only these topics", nargs="+", default=[]),
-        add("--exclude-topics TOPIC", "publish all other topics", nargs="+", default=[]),
-        add("-m, --remap A:=B", "publish a topic under another name", nargs="+", default=[]),
-        add("--disable-keyboard-controls", "do not read keys from the terminal"),
-        add("--domain N", "ROS domain (default: ROS_DOMAIN_ID or 0)"),
-    ]
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,16 +1,23 @@
-"""``train-ato report``: write an HTML page of one recorded run, or of several runs for comparison."""
+"""``train-ato report``: write an HTML page of one recorded run, or of several runs for comparison.
+
+Options::
+
+    runs RUN       run folder or log; several runs are compared
+    --out FILE     HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)
+    --figures DIR  folder for the figures in print quality (default: none)
+    --format       format of the figures of --figures (default: png)
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import check_packages, refused_unwritten
 
 if TYPE_CHECKING:
@@ -18,16 +25,7 @@ if TYPE_CHECKING:
     from train_ato.report.writing import Request
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``report``."""
-    add = partial(add_option, parser)
-    add("runs RUN", "run folder or log; several runs are compared", nargs="+")
-    add(
-        "--out FILE",
-        "HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)",
-    )
-    add("--figures DIR", "folder for the figures in print quality (default: none)")
-    add("--format", "format of the figures of --figures (default: png)", choices=("png", "svg"))
+OPTIONS: Options = {"runs": {"nargs": "+"}, "--format": {"choices": ("png", "svg")}}
 
 
 def execute(options: argparse.Namespace) -> None:

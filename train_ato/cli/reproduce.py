@@ -1,4 +1,14 @@
-"""``train-ato reproduce``: check the claims of the papers against simulated runs."""
+"""``train-ato reproduce``: check the claims of the papers against simulated runs.
+
+Options::
+
+    paper         {papers} or all (default: all)
+    --claim TEXT  only claims that contain TEXT, with their cases; no figures
+    --full        include the long cases over the whole line
+    --jobs N      number of worker processes (default: 2, at most the number of cores)
+    --out DIR     new folder (default: runs/reproduce-N)
+    --resume DIR  folder of an interrupted command; judged papers are not run again
+"""
 
 from __future__ import annotations
 
@@ -9,12 +19,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import note_compilation, print_json
-from train_ato.program.arguments import add_option
+from train_ato.papers import paper_packages
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -33,22 +43,12 @@ WIDTH = 160
 COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not reproduced": "red"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``reproduce``."""
-    from train_ato.papers import paper_packages
-
-    add = partial(add_option, parser)
-    add("paper", f"{', '.join(paper_packages())} or all (default: all)", nargs="?", default="all")
-    add("--claim TEXT", "only claims that contain TEXT, with their cases; no figures")
-    add("--full", "include the long cases over the whole line")
-    add(
-        "--jobs N",
-        "number of worker processes (default: 2, at most the number of cores)",
-        default=min(2, os.cpu_count() or 1),
-    )
-    place = parser.add_mutually_exclusive_group()
-    add_option(place, "--out DIR", "new folder (default: runs/reproduce-N)")
-    add_option(place, "--resume DIR", "folder of an interrupted command; judged papers are not run again")
+OPTIONS: Options = {
+    "paper": {"nargs": "?", "default": "all", "words": {"papers": ", ".join(paper_packages())}},
+    "--jobs": {"default": min(2, os.cpu_count() or 1)},
+    "--out": {"one_of": "place"},
+    "--resume": {"one_of": "place"},
+}
 
 
 def execute(options: argparse.Namespace) -> None:
@@ -56,7 +56,6 @@ def execute(options: argparse.Namespace) -> None:
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
     from train_ato.judge.metric_names import format_value
-    from train_ato.papers import paper_packages
     from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
 
     numbers = [*paper_packages()] if options.paper == "all" else [options.paper]

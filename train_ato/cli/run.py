@@ -1,4 +1,29 @@
-"""``train-ato run``: run a scenario, record it, compute its metrics, draw it."""
+"""``train-ato run``: run a scenario, record it, compute its metrics, draw it.
+
+Options::
+
+    scenario SCENARIO  a shipped scenario, NAME:variant, shipped following trains, or a YAML file of either
+    --observer         and --compensation, --seed, --set: changes of the scenario
+    --law NAME         control law: a name, or MODULE:CLASS without registration
+    --engine           plain Python loop without ROS, same log
+    --processes        one process for each node (default: all nodes in one)
+    --restart          with --processes: restart a node whose process ends
+    --restart-limit N  restarts of each node, then the run fails (default: 3)
+    --external NODE    wait for a program of yours in place of this node: controller, observer, profile, supervisor or
+                       plant
+    --rate             simulated seconds per second of wall time
+    --no-lockstep      do not wait for late commands
+    --out DIR          run folder to make (default: runs/NAME-N)
+    --compression      compression of the log
+    --strict           exit status 1 if the run is not tracked (lost, limit cycle, stopped short, ...) or fails a
+                       criterion
+    --start-limit S    wall time for the nodes to find each other, or none (default: 30, with --processes 180,
+                       --external none)
+    --domain N         ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)
+    --namespace /NAME  namespace of all nodes, for one of several trains in a domain: /t1
+    --followed         wait for the train behind
+    --live             run following trains at the same time, a program each with live reports in one ROS domain
+"""
 
 from __future__ import annotations
 
@@ -10,9 +35,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.scenario_options import add_scenario_options, prepare_from
+from train_ato.cli.scenario_options import add_change_options, prepare_from
 from train_ato.log.compression import add_compression
-from train_ato.program.arguments import add_followed, add_no_lockstep, add_option, add_rate, parse_limit, rate_of
+from train_ato.program.arguments import Options, add_followed, add_no_lockstep, add_rate, parse_limit, rate_of
 from train_ato.program.errors import RunFailed
 
 if TYPE_CHECKING:
@@ -29,37 +54,17 @@ EXPLAINED = "msgs_docs/report.md, Output of a run"
 """Page that explains every line of the output."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``run``."""
-    add_scenario_options(parser, "a shipped scenario, NAME:variant, shipped following trains, or a YAML file of either")
-    add = partial(add_option, parser)
-    add("--law NAME", "control law: a name, or MODULE:CLASS without registration")
-    mode = parser.add_mutually_exclusive_group()
-    add_option(mode, "--engine", "plain Python loop without ROS, same log")
-    add_option(mode, "--processes", "one process for each node (default: all nodes in one)")
-    add("--restart", "with --processes: restart a node whose process ends")
-    add("--restart-limit N", f"restarts of each node, then the run fails (default: {LIMIT})")
-    add(
-        "--external NODE",
-        "wait for a program of yours in place of this node: controller, observer, profile, supervisor or plant",
-    )
-    add_rate(parser)
-    add_no_lockstep(parser)
-    add("--out DIR", "run folder to make (default: runs/NAME-N)")
-    add_compression(parser)
-    add(
-        "--strict",
-        "exit status 1 if the run is not tracked (lost, limit cycle, stopped short, ...) or fails a criterion",
-    )
-    add(
-        "--start-limit S",
-        "wall time for the nodes to find each other, or none (default: 30, with --processes 180, --external none)",
-        type=parse_limit,
-    )
-    add("--domain N", "ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)")
-    add("--namespace /NAME", "namespace of all nodes, for one of several trains in a domain: /t1", default="")
-    add_followed(parser)
-    add("--live", "run following trains at the same time, a program each with live reports in one ROS domain")
+OPTIONS: Options = {
+    "--observer": add_change_options,
+    "--engine": {"one_of": "mode"},
+    "--processes": {"one_of": "mode"},
+    "--rate": add_rate,
+    "--no-lockstep": add_no_lockstep,
+    "--compression": add_compression,
+    "--start-limit": {"type": parse_limit},
+    "--namespace": {"default": ""},
+    "--followed": add_followed,
+}
 
 
 def restart_limit(*, wanted: bool, limit: int | None) -> int:

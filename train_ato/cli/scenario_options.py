@@ -1,13 +1,21 @@
-"""Options of every command that runs a scenario."""
+"""Options of every command that runs a scenario.
+
+Options::
+
+    --observer NAME      disturbance observer: a name, or MODULE:CLASS without registration
+    --compensation NAME  delay compensation: a name, or MODULE:CLASS without registration
+    --seed N             seed of every random stream
+    --set A.B=VALUE      change any key of the scenario, the value written as YAML; may be repeated
+"""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options, declare_options
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
@@ -17,26 +25,12 @@ KINDS = ("law", "observer", "compensation")
 """Kinds of components; each is an option."""
 
 
-def add_scenario_options(
-    parser: argparse.ArgumentParser, text: str = "a shipped name, NAME:variant, or a YAML file"
-) -> None:
-    """Add SCENARIO with its help, and the options that change it."""
-    add_option(parser, "scenario SCENARIO", text)
-    add_change_options(parser)
+OPTIONS: Options = {"--set": {"action": "append", "dest": "assignments"}}
 
 
 def add_change_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that change a scenario."""
-    add = partial(add_option, parser)
-    add("--observer NAME", "disturbance observer: a name, or MODULE:CLASS without registration")
-    add("--compensation NAME", "delay compensation: a name, or MODULE:CLASS without registration")
-    add("--seed N", "seed of every random stream")
-    add(
-        "--set A.B=VALUE",
-        "change any key of the scenario, the value written as YAML; may be repeated",
-        action="append",
-        dest="assignments",
-    )
+    declare_options(parser, sys.modules[__name__])
 
 
 def prepare_from(options: argparse.Namespace) -> RunSetup:

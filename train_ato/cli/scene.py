@@ -1,4 +1,11 @@
-"""``train-ato scene``: publish the train on its line for 3D viewers, beside a running simulation or a replay."""
+"""``train-ato scene``: publish the train on its line for 3D viewers, beside a running simulation or a replay.
+
+Options::
+
+    run RUN    run or log of a replay (default: the running simulation)
+    --domain   and --namespace: the running train
+    --rate HZ  messages per simulated second (default: 5)
+"""
 
 from __future__ import annotations
 
@@ -8,17 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_result
-from train_ato.program.arguments import add_option, add_train
+from train_ato.program.arguments import Options, add_train
 
 if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``scene``."""
-    add_option(parser, "run RUN", "run or log of a replay (default: the running simulation)", nargs="?")
-    add_train(parser)
-    add_option(parser, "--rate HZ", "messages per simulated second (default: 5)", default=5.0)
+OPTIONS: Options = {"run": {"nargs": "?"}, "--domain": add_train, "--rate": {"default": 5.0}}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,17 +1,29 @@
-"""``train-ato sweep``: run a scenario at many points, or one row of a sweep again."""
+"""``train-ato sweep``: run a scenario at many points, or one row of a sweep again.
+
+Options::
+
+    sweep SPEC           YAML file with scenario, design, over and set; or the folder of a sweep, to continue it
+    --out DIR            folder; a sweep that is already there is continued (default: runs/sweep-N)
+    --jobs N             local worker processes (default: one for each core)
+    --scheduler ADDRESS  tcp://HOST:PORT of a Dask scheduler with workers (default: local)
+    --dashboard          serve the Dask dashboard of the local workers, on this machine only
+    --metric NAME        metric of the figures (default: %(default)s)
+    --border             border of stability in the map: outcome of tracking, or verdict (default: tracking)
+    --row N              run row N of the sweep in the folder SPEC, or of its results.parquet, alone and compare it
+"""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed
+from train_ato.studies.sweep.groups import BORDERS, ERROR_METRIC
 
 if TYPE_CHECKING:
     from train_ato.studies.sweep.result import SweepFolder, SweepResult
@@ -19,24 +31,10 @@ if TYPE_CHECKING:
 COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``sweep``."""
-    from train_ato.studies.sweep.groups import BORDERS, ERROR_METRIC
-
-    add = partial(add_option, parser)
-    add("sweep SPEC", "YAML file with scenario, design, over and set; or the folder of a sweep, to continue it")
-    add("--out DIR", "folder; a sweep that is already there is continued (default: runs/sweep-N)")
-    add("--jobs N", "local worker processes (default: one for each core)")
-    add("--scheduler ADDRESS", "tcp://HOST:PORT of a Dask scheduler with workers (default: local)")
-    add("--dashboard", "serve the Dask dashboard of the local workers, on this machine only")
-    add("--metric NAME", f"metric of the figures (default: {ERROR_METRIC})", default=ERROR_METRIC)
-    add(
-        "--border",
-        "border of stability in the map: outcome of tracking, or verdict (default: tracking)",
-        choices=tuple(BORDERS),
-        default="tracking",
-    )
-    add("--row N", "run row N of the sweep in the folder SPEC, or of its results.parquet, alone and compare it")
+OPTIONS: Options = {
+    "--metric": {"default": ERROR_METRIC},
+    "--border": {"choices": tuple(BORDERS), "default": "tracking"},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

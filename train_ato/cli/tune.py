@@ -1,16 +1,34 @@
-"""``train-ato tune``: search for the gains of a law, with held-out scenarios beside."""
+"""``train-ato tune``: search for the gains of a law, with held-out scenarios beside.
+
+Options::
+
+    scenario SCENARIO[,...]   scenarios of the search: shipped names, NAME:variant, or YAML files
+    --law NAME                law to tune: a name, or MODULE:CLASS
+    --observer NAME           observer: a name, or MODULE:CLASS without registration
+    --compensation NAME       compensation: a name, or MODULE:CLASS without registration
+    --set A.B=VALUE           change any key of every scenario, the value written as YAML; may be repeated
+    --parameters A,B,...      parameters to vary (default: every numeric one above 0)
+    --over SPEC.yaml          ranges of the gains (over:), changes of the runs (variations:)
+    --seeds 1,2,...           seeds of the runs (default: as in each scenario)
+    --held-out A,B            scenarios that the search does not use, reported beside
+    --held-out-seeds 3,4,...  seeds that the search does not use
+    --criterion TERM=WEIGHT   weight of a term of the score: {terms} (default)
+    --runs N                  simulated runs of the search (default: 60)
+    --jobs N                  number of processes (default: 1)
+    --search-seed N           seed of the search (default: 1)
+    --out DIR                 folder; a search that is already there is continued (default: runs/tune-NAME-N)
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.scenario_options import KINDS, chosen_components, listed
+from train_ato.cli.scenario_options import chosen_components, listed
 from train_ato.cli.screen import note_compilation, print_json, print_table
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed
 from train_ato.studies.tune.objective import TERMS
 
@@ -29,33 +47,14 @@ COLUMNS: tuple[tuple[str, str], ...] = (
 """Key of a row, and head of its column."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``tune``."""
-    add = partial(add_option, parser)
-    add("scenario SCENARIO[,...]", "scenarios of the search: shipped names, NAME:variant, or YAML files")
-    add("--law NAME", "law to tune: a name, or MODULE:CLASS", required=True)
-    for kind in KINDS[1:]:
-        parser.add_argument(f"--{kind}", metavar="NAME", help=f"{kind}: a name, or MODULE:CLASS without registration")
-    add(
-        "--set A.B=VALUE",
-        "change any key of every scenario, the value written as YAML; may be repeated",
-        action="append",
-        dest="assignments",
-    )
-    add("--parameters A,B,...", "parameters to vary (default: every numeric one above 0)")
-    add("--over SPEC.yaml", "ranges of the gains (over:), changes of the runs (variations:)")
-    add("--seeds 1,2,...", "seeds of the runs (default: as in each scenario)")
-    add("--held-out A,B", "scenarios that the search does not use, reported beside")
-    add("--held-out-seeds 3,4,...", "seeds that the search does not use")
-    add(
-        "--criterion TERM=WEIGHT",
-        f"weight of a term of the score: {', '.join(f'{term.key}={term.weight:g}' for term in TERMS)} (default)",
-        action="append",
-    )
-    add("--runs N", "simulated runs of the search (default: 60)", default=60)
-    add("--jobs N", "number of processes (default: 1)", default=1)
-    add("--search-seed N", "seed of the search (default: 1)", default=1)
-    add("--out DIR", "folder; a search that is already there is continued (default: runs/tune-NAME-N)")
+OPTIONS: Options = {
+    "--law": {"required": True},
+    "--set": {"action": "append", "dest": "assignments"},
+    "--criterion": {"action": "append", "words": {"terms": ", ".join(f"{term.key}={term.weight:g}" for term in TERMS)}},
+    "--runs": {"default": 60},
+    "--jobs": {"default": 1},
+    "--search-seed": {"default": 1},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

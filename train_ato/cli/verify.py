@@ -1,24 +1,20 @@
-"""``train-ato verify``: run a recorded scenario again and compare every message."""
+"""``train-ato verify``: run a recorded scenario again and compare every message.
+
+Options::
+
+    run RUN       run folder or single log
+    --relative R  tolerance relative to the largest value of a field (default: 0, bit for bit)
+"""
 
 import argparse
 import dataclasses
 import sys
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import add_option
+from train_ato.program.arguments import Options
 from train_ato.program.errors import RunFailed
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``verify``."""
-    add_option(parser, "run RUN", "run folder or single log")
-    add_option(
-        parser,
-        "--relative R",
-        "tolerance relative to the largest value of a field (default: 0, bit for bit)",
-        type=float,
-        default=0.0,
-    )
+OPTIONS: Options = {"--relative": {"type": float, "default": 0.0}}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,4 +1,21 @@
-"""``train-ato view``: show a running, a new or a recorded run in the browser."""
+"""``train-ato view``: show a running, a new or a recorded run in the browser.
+
+Options::
+
+    run RUN            recorded run: run folder or log
+    --scenario NAME    start this scenario and show its run
+    --domain N         ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)
+    --namespace /NAME  namespace of the train, one of several: /t1
+    -r, --rate R       simulated seconds per second of wall time, or max (default: 1)
+    --processes        one process per node for the started run
+    --law NAME         control law of the started run
+    --set A.B=VALUE    change a key of the started scenario; may be repeated
+    --out DIR          folder of the started run
+    --port N           port of the page (default: 5010; 0: a free one)
+    --address A        address of the server (default: 127.0.0.1, this machine only)
+    --no-browser       print the address of the page, do not open a browser
+    --foxglove PORT    additional Foxglove WebSocket server (default port: 8765)
+"""
 
 from __future__ import annotations
 
@@ -12,12 +29,11 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json
-from train_ato.program.arguments import BAD_INPUT, add_option, add_rate, add_train
+from train_ato.program.arguments import BAD_INPUT, Options, parse_rate
 from train_ato.program.errors import RunFailed, check_packages
 from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.wait_note import WaitNote
@@ -31,23 +47,17 @@ COMPLAINT = "train-ato"
 """First word of an error line."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``view``."""
-    what = parser.add_mutually_exclusive_group()
-    add_option(what, "run RUN", "recorded run: run folder or log", nargs="?")
-    add_option(what, "--scenario NAME", "start this scenario and show its run")
-    add_train(parser, what)
-    add_rate(parser, 1.0)
-    parser.set_defaults(rate=None)  # a given one is refused without a started run
-    add = partial(add_option, parser)
-    add("--processes", "one process per node for the started run")
-    add("--law NAME", "control law of the started run")
-    add("--set A.B=VALUE", "change a key of the started scenario; may be repeated", action="append")
-    add("--out DIR", "folder of the started run")
-    add("--port N", "port of the page (default: 5010; 0: a free one)", default=5010)
-    add("--address A", "address of the server (default: 127.0.0.1, this machine only)", default="127.0.0.1")
-    add("--no-browser", "print the address of the page, do not open a browser")
-    add("--foxglove PORT", "additional Foxglove WebSocket server (default port: 8765)", nargs="?", const=8765)
+OPTIONS: Options = {
+    "run": {"one_of": "what", "nargs": "?"},
+    "--scenario": {"one_of": "what"},
+    "--domain": {"one_of": "what"},
+    "--namespace": {"default": ""},
+    "-r": {"type": parse_rate},
+    "--set": {"action": "append"},
+    "--port": {"default": 5010},
+    "--address": {"default": "127.0.0.1"},
+    "--foxglove": {"nargs": "?", "const": 8765},
+}
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -1,13 +1,16 @@
 """Standard streams, command-line parser with one-line errors, YAML values of options, checks of output files."""
 
 import argparse
+import ast
 import io
 import math
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from inspect import getsource
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn
 
 from train_ato.program.errors import refused_unwritten
@@ -138,16 +141,49 @@ def add_option(parser: argparse._ActionsContainer, form: str, text: str, **setti
     return parser.add_argument(*names.split(","), help=text, **settings)
 
 
-def add_rate(parser: argparse.ArgumentParser, default: float | None = None) -> None:
-    """Declare ``--rate``, as of ``ros2 bag play``; a default of None is no limit."""
-    shown = "max" if default is None else f"{default:g}"
-    add_option(
-        parser,
-        "-r, --rate R",
-        f"simulated seconds per second of wall time, or max (default: {shown})",
-        type=parse_rate,
-        default=default,
-    )
+Options = Mapping[str, Mapping[str, Any] | Callable[[argparse.ArgumentParser], object]]
+"""Settings of options by their first name, or the function that declares an option of several commands."""
+_OPTION = re.compile(r"^ {4}(\S.*?) {2,}(\S.*(?:\n {5,}\S.*)*)", re.MULTILINE)
+"""Line of a docstring with an option: its form, two spaces or more, its help; lines further right continue the help."""
+
+
+def declare_options(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """Declare the options that the docstring of a module has: indented lines with form and help.
+
+    Parameters
+    ----------
+    parser
+        Parser of the command.
+    module
+        Module of the command. Its ``OPTIONS`` have what the docstring does not have, as for :func:`add_option`. Beside
+        that ``one_of`` is the name of a group of options that exclude each other (``required``: one of them is),
+        ``group`` the title of a group in the help, and ``words`` the values in the braces of a help.
+    """
+    settings: Options = vars(module).get("OPTIONS", {})
+    text = module.__doc__ or ast.get_docstring(ast.parse(getsource(module)), clean=False)  # under python -OO
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for form, meaning in _OPTION.findall(text or ""):
+        given = settings.get(re.split("[ ,]", form)[0], {})
+        if callable(given):
+            given(parser)
+            continue
+        given = dict(given)
+        place: argparse._ActionsContainer = parser
+        if title := given.pop("group", ""):
+            place = groups[title] = groups.get(title) or parser.add_argument_group(title)
+        if name := given.pop("one_of", ""):
+            required = given.pop("required", False)
+            place = groups[name] = groups.get(name) or parser.add_mutually_exclusive_group(required=required)
+        meaning = " ".join(meaning.split())
+        if words := given.pop("words", {}):
+            meaning = meaning.format(**words)
+        add_option(place, form, re.sub(r"%(?!\()", "%%", meaning), **given)
+
+
+def add_rate(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--rate``, as of ``ros2 bag play``; without it there is no limit."""
+    text = "simulated seconds per second of wall time, or max (default: max)"
+    add_option(parser, "-r, --rate R", text, type=parse_rate)
 
 
 def rate_of(options: argparse.Namespace) -> float | None:
@@ -174,9 +210,9 @@ def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_train(parser: argparse.ArgumentParser, what: argparse._ActionsContainer | None = None) -> None:
-    """Declare domain and namespace of a running train; the domain in a group of options that exclude each other."""
-    add_option(what or parser, "--domain N", "ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)")
+def add_train(parser: argparse.ArgumentParser) -> None:
+    """Declare domain and namespace of a running train."""
+    add_option(parser, "--domain N", "ROS domain of the run (default: ROS_DOMAIN_ID, or the only run)")
     add_option(parser, "--namespace /NAME", "namespace of the train, one of several: /t1", default="")
 
 
