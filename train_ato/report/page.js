@@ -27,6 +27,25 @@ window.trainAto = (() => {
     }
     return value - column[low] <= column[high] - value ? low : high;
   };
+  const read = (fields, time) => {
+    let place = null;
+    const values = fields.map(([source, column, digits]) => {
+      const value = source.data[column][nearest(source.data.time, time, true)];
+      if (column === "position_km") place = value;
+      return Number.isFinite(value) ? value.toFixed(digits) : "–";
+    });
+    show(time, values);
+    return place;
+  };
+  const mark = (spans, location) => {
+    for (const span of spans) { span.location = location; span.visible = location !== null; }
+  };
+  const overTime = (fields, places, time) => mark(places, read(fields, time));
+  const overDistance = (fields, speed, times, place) => {
+    const time = speed.data.time[nearest(speed.data.position_km, place, false)];
+    read(fields, time);
+    mark(times, time);
+  };
   const readout = (name, tables, x, over) => {
     const line = document.getElementById("readout-" + name);
     if (!line) return;
@@ -135,5 +154,5 @@ window.trainAto = (() => {
   if (window.Bokeh) start();
   swatches();
   for (const query of [dark, narrow]) query.addEventListener("change", dress);
-  return { show, readout };
+  return { overTime, overDistance, readout };
 })();

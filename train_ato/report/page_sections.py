@@ -7,10 +7,11 @@ import numpy as np
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
+from plant_sim.library import read_yaml
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
 from train_ato.report.curves import Curves, shown_curves
-from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
+from train_ato.report.page import HEIGHT, HERE, Figure, Linked, PageSection, Placed
 from train_ato.report.page_data import (
     CELLS,
     PageData,
@@ -35,46 +36,8 @@ from train_ato.report.panels import (
 )
 from train_ato.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, Trace, style_of, traces_of
 
-_FIND = """
-    const nearest = (column, value) => {
-        let low = 0, high = column.length - 1;
-        while (high - low > 1) {
-            const middle = (low + high) >> 1;
-            if (column[middle] <= value) low = middle; else high = middle;
-        }
-        return value - column[low] <= column[high] - value ? low : high;
-    };
-"""
-_OVER_TIME = (
-    _FIND
-    + """
-    const time = cb_obj.x, values = [];
-    let place = null;
-    for (const [source, column, digits] of fields) {
-        const row = nearest(source.data.time, time), value = source.data[column][row];
-        values.push(Number.isFinite(value) ? value.toFixed(digits) : "–");
-        if (column === "position_km") place = value;
-    }
-    window.trainAto?.show(time, values);
-    for (const span of places) { span.location = place; span.visible = place !== null; }
-"""
-)
-_OVER_DISTANCE = (
-    _FIND
-    + """
-    const column = speed.data.position_km;
-    let best = 0;
-    for (let row = 1; row < column.length; row++)
-        if (Math.abs(column[row] - cb_obj.x) < Math.abs(column[best] - cb_obj.x)) best = row;
-    const time = speed.data.time[best], values = [];
-    for (const [source, column, digits] of fields) {
-        const value = source.data[column][nearest(source.data.time, time)];
-        values.push(Number.isFinite(value) ? value.toFixed(digits) : "–");
-    }
-    window.trainAto?.show(time, values);
-    for (const span of times) { span.location = time; span.visible = true; }
-"""
-)
+_OVER_TIME = "window.trainAto?.overTime(fields, places, cb_obj.x)"
+_OVER_DISTANCE = "window.trainAto?.overDistance(fields, speed, times, cb_obj.x)"
 
 
 @dataclass(frozen=True)
@@ -143,55 +106,16 @@ class FigureSpec:
 
 FigureTable = Mapping[tuple[str, str], tuple[FigureSpec, ...]]
 """Figures of each section by its anchor and title."""
-FIGURES: FigureTable = {
-    ("tracking", "Tracking"): (
-        FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
-        FigureSpec(
-            "position_error", "Position error",
-            "Train minus reference at the same stamp; > 0 is ahead of the profile.", 200,
-        ),
-    ),
-    ("forces", "Forces"): (
-        FigureSpec(
-            "forces", "Command and applied force",
-            "Sum of all power units: command as sent, force after delay, lag and saturation.", 250,
-        ),
-        FigureSpec("unit_forces", "Applied force of every power unit"),
-    ),
-    ("couplers", "Couplers"): (
-        FigureSpec(
-            "couplers", "Force along the train",
-            "Front of the train on top. Each cell shows the force with the largest magnitude, so no peak is lost.",
-        ),
-        FigureSpec("coupler_extremes", "Extremes", "Largest values of all couplers at every tick.", 240),
-    ),
-    ("air-brake", "Air brake"): (
-        FigureSpec("pipe", "Brake pipe", "Absolute pressure, at the tail as far as it is in the log.", 200),
-        FigureSpec("shoes", "Shoe force along the train", "Brake force of the air brake of every vehicle."),
-        FigureSpec("shoe_force", "Shoe force of the whole train", "", 180),
-    ),
-    ("disturbance", "Disturbance and delay"): (
-        FigureSpec(
-            "disturbance", "Disturbance: estimate and truth",
-            "The estimate contains all effects missing in the nominal model; the truth is the external force only.",
-        ),
-        FigureSpec(
-            "delay", "Delay from command to effect",
-            "Identified in time windows: the shift of the command that fits the applied force best; the lag adds "
-            "its time constant. Gaps: the force was nearly constant or saturated.", 190,
-        ),
-    ),
-    ("signals", "Own signals"): (
-        FigureSpec("signals", "Own signals", "Numbers of `on_tick` or of the caller of `ta.Env`, by name."),
-    ),
-    ("energy", "Energy"): (
-        FigureSpec(
-            "energy", "Work done on the train since the start",
-            "> 0 accelerates the train. The sum of all parts is the kinetic energy.", 260,
-        ),
-    ),
-}  # fmt: skip
-"""Figures of one run."""
+
+
+def _read_figures(kind: str) -> FigureTable:
+    """Return a table of ``page.yaml``."""
+    rows = read_yaml(HERE / "page.yaml")[kind]
+    return {(row["anchor"], row["title"]): tuple(FigureSpec(**figure) for figure in row["figures"]) for row in rows}
+
+
+FIGURES, SHARED_FIGURES = _read_figures("run"), _read_figures("comparison")
+"""Figures of one run, and of several runs."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
 HERO = FigureSpec(
@@ -204,24 +128,23 @@ HERO = FigureSpec(
 LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
 SUPERVISED = tuple(name for name in BOUNDS if name.endswith("_speed"))
 """Curves of the supervisor; the first screen has the permitted speed only."""
-READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("speed", ("position_km", "speed", "measured_speed", "profile", "limit", "permitted_speed")),
-    ("speed_error", ("speed_error",)),
-    ("position_error", ("position_error",)),
-    ("forces", ("demand", "applied")),
-    ("coupler_extremes", ("draft", "buff")),
-    ("pipe", ("pipe", "pipe_tail")),
-)
-"""Columns in the bar with the values at the cursor."""
-SHORT = {
-    "position_km": ("position", "km", 3), "speed": ("speed", "km/h", 1), "measured_speed": ("speed", "km/h", 1),
-    "profile": ("profile", "km/h", 1), "limit": ("speed limit", "km/h", 0),
-    "permitted_speed": ("permitted", "km/h", 0), "speed_error": ("speed error", "km/h", 2),
-    "position_error": ("position error", "m", 2), "demand": ("command", "kN", 0),
-    "applied": ("applied force", "kN", 0), "draft": ("draft", "kN", 0), "buff": ("buff", "kN", 0),
-    "pipe": ("brake pipe, head", "kPa", 0), "pipe_tail": ("tail", "kPa", 0),
-}  # fmt: skip
-"""Labels, units and digits in the bar."""
+READINGS: dict[str, tuple[str, str, str, int]] = {
+    "position_km": ("speed", "position", "km", 3),
+    "speed": ("speed", "speed", "km/h", 1),
+    "measured_speed": ("speed", "speed", "km/h", 1),
+    "profile": ("speed", "profile", "km/h", 1),
+    "limit": ("speed", "speed limit", "km/h", 0),
+    "permitted_speed": ("speed", "permitted", "km/h", 0),
+    "speed_error": ("speed_error", "speed error", "km/h", 2),
+    "position_error": ("position_error", "position error", "m", 2),
+    "demand": ("forces", "command", "kN", 0),
+    "applied": ("forces", "applied force", "kN", 0),
+    "draft": ("coupler_extremes", "draft", "kN", 0),
+    "buff": ("coupler_extremes", "buff", "kN", 0),
+    "pipe": ("pipe", "brake pipe, head", "kPa", 0),
+    "pipe_tail": ("pipe", "tail", "kPa", 0),
+}
+"""Figure, label, unit and digits of the columns in the bar with the values at the cursor."""
 
 
 def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
@@ -314,51 +237,9 @@ def _line_section(
 def _readings(sources: dict[str, ColumnDataSource]) -> list[Reading]:
     return [
         Reading(sources[table], column, words, display_unit(unit)[0], digits)
-        for table, columns in READINGS
-        if table in sources
-        for column in columns
-        if column in sources[table].data
-        for words, unit, digits in (SHORT[column],)
+        for column, (table, words, unit, digits) in READINGS.items()
+        if table in sources and column in sources[table].data
     ]
-
-
-SHARED_FIGURES: FigureTable = {
-    ("tracking", "Tracking"): (
-        FigureSpec("speed_error", "Speed error", "Train minus reference{worst}.", 220, "speed_error"),
-        FigureSpec(
-            "position_error",
-            "Position error",
-            "Train minus reference{worst}; > 0 is ahead of the profile.",
-            220,
-            "position_error",
-        ),
-    ),
-    ("forces", "Forces"): (
-        FigureSpec("forces", "Applied force", "All power units together.", 240, "applied"),
-        FigureSpec("forces", "Command", "All power units together, as sent.", 240, "demand"),
-    ),
-    ("couplers", "Couplers"): (
-        FigureSpec("couplers", "Force along the train", "One scale for all runs; front of the train on top."),
-        FigureSpec("coupler_extremes", "Largest draft along the train", "", 200, "draft"),
-        FigureSpec("coupler_extremes", "Largest buff along the train", "", 200, "buff"),
-    ),
-    ("air-brake", "Air brake"): (
-        FigureSpec("pipe", "Brake pipe at the head", "Absolute pressure.", 200, "pipe"),
-        FigureSpec("pipe", "Brake pipe at the tail", "Absolute pressure.", 200, "pipe_tail"),
-        FigureSpec("shoes", "Shoe force along the train", "One scale for all runs."),
-        FigureSpec("shoe_force", "Shoe force of the whole train", "", 200, "shoe_force"),
-    ),
-    ("disturbance", "Disturbance and delay"): (
-        FigureSpec("disturbance", "Disturbance, estimate", "Of a power unit{worst}.", 200, "estimate"),
-        FigureSpec("disturbance", "Disturbance, truth", "On a power unit's vehicle{worst}.", 200, "truth"),
-        FigureSpec("delay", "Delay from command to effect", "As found in the log.", 200, "delay"),
-    ),
-    ("energy", "Energy"): (
-        FigureSpec("energy", "Work of traction", "", 200, "traction"),
-        FigureSpec("energy", "Work of the electric brake", "< 0: taken from the train.", 200, "regenerated"),
-    ),
-}
-"""Figures of several runs; without a column a heat map per run."""
 
 
 ColouredRun = tuple[PageData, str]
