@@ -20,7 +20,7 @@ from engine_runs import compared, no_figure, setup_of
 from programs import begun
 from rcl_interfaces.msg import Log
 from recordings import commands_in, message_counts
-from waiting import LIMIT_S, wait_for
+from waiting import LIMIT_S, pause, wait_for
 
 from msgs_docs.generate import node_page as node_docs
 from train_ato.cli.main import main
@@ -37,6 +37,7 @@ from train_ato.ros.graph.composed import run_composed
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.graph.runner import run_graph
+from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.publishers import OnePublisher
@@ -377,6 +378,16 @@ def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: 
     for role in ROLES[:-1]:
         status, text = ends[role]
         assert (status, len(text.splitlines()), text.startswith(said)) == (1, 1, True), (role, text)
+
+
+@pytest.mark.graph
+def test_a_node_by_hand_that_was_stopped_says_so(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a node that goes on after the others have dropped it names the plant."""
+    driving(terminals, tmp_path)
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        terminals.processes["controller"].send_signal(number)
+        pause(LEASE_S + 2.0)
+    assert terminals.ends()["controller"][1].startswith("node controller failed: its process was suspended for ")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP], ids=["Ctrl-C", "closed terminal"])

@@ -38,7 +38,7 @@ from train_ato.report.events import detect_events
 from train_ato.ros.graph import processes, shared_memory
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
-from train_ato.ros.graph.processes import NodeProcess
+from train_ato.ros.graph.node_process import STOPPED_S, NodeProcess, with_stop
 from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.answer_watch import LEASE_S
@@ -205,6 +205,17 @@ def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure,
     node.end(0.1)
     assert node.failure == failure
     assert node.process.returncode == -signal.SIGKILL
+
+
+def test_a_stopped_process_is_the_reason_of_a_missing_answer(hanging):
+    """Breaks if a node that SIGSTOP or a debugger holds is only said not to answer."""
+    node = hanging("tick:1", Role.CONTROLLER)
+    os.kill(node.process.pid, signal.SIGSTOP)
+    wait_for(lambda: node.look() or node.stopped > STOPPED_S)
+    silent = "node controller failed: no answer to stamp 1.000 s within 10 s"
+    said = with_stop(silent, {Role.CONTROLLER: node})
+    assert re.match(silent + r"; its process was stopped for \d\.\d s .*; a run in one process, without --proc", said)
+    node.end(0.0)
 
 
 def test_a_plant_that_hangs_after_its_last_count_fails_no_run(hanging, monkeypatch):

@@ -16,7 +16,7 @@ from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
-from train_ato.ros.graph.node_process import NodeProcess
+from train_ato.ros.graph.node_process import NodeProcess, with_stop
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.outside_plant import OutsidePlant
@@ -144,7 +144,7 @@ class _Composed:
             role.value: count for role, node in self._nodes.items() if (count := getattr(node, "ignored", 0))
         }
         end.interruption = plant_end.reason if plant_end.status == INTERRUPTED else None
-        end.failure = self._watch.failure
+        end.failure = self._watch.failure and with_stop(self._watch.failure, self._apart)
         return end
 
     def _turn_until(self, done: Callable[[], bool], limit: float) -> bool:
@@ -174,6 +174,7 @@ class _Composed:
     def _check_apart(self) -> None:
         """Fail the run by the first node whose process has failed; the loss of the plant is found here, too."""
         for node in self._apart.values():
+            node.look()
             name, _, reason = (node.failure or "").removeprefix("node ").partition(" failed: ")
             if reason and name != Role.PLANT.value:
                 self._watch.fail(name, reason)

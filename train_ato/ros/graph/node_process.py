@@ -7,18 +7,22 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from train_ato.messages.topics import Role
 from train_ato.program.arguments import BAD_INPUT
 from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
+from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, NOTE, OUTSIDE, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
 READ_S = 5.0
 """Wall time for the rest of the report of an ended process [s]."""
+STOPPED_S = 1.0
+"""Shortest time of a stopped process that a failure names [s]; a shorter one is no reason for it."""
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
 
 
@@ -50,6 +54,8 @@ class NodeProcess:
         End of the text of its failure.
     joined : bool
         True after the notice to the new process of a node to join the run.
+    stopped : float
+        Longest wall time for which the process was stopped by a signal or a debugger [s].
     """
 
     def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path, suffix: str = "") -> None:
@@ -59,6 +65,7 @@ class NodeProcess:
         self.lost = False
         self.remark = ""
         self.joined = False
+        self.stopped = self._since = 0.0
         self._hung = False
         self._said: dict[str, str] = {}
         self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
@@ -154,6 +161,14 @@ class NodeProcess:
             return False
         return status <= 0 or not self.last_error.startswith("node ")
 
+    def look(self) -> None:
+        """Measure for how long the process is stopped; to be called again and again."""
+        with contextlib.suppress(OSError):
+            state = Path(f"/proc/{self.process.pid}/stat").read_text(errors="replace").rpartition(") ")[2][:1]
+            now = time.monotonic()
+            self._since = (self._since or now) if state in ("T", "t") else 0.0
+            self.stopped = max(self.stopped, now - self._since if self._since else 0.0)
+
     def send(self, notice: Notice) -> None:
         """Write a notice to the standard input of the node."""
         assert self.process.stdin is not None
@@ -187,3 +202,13 @@ class NodeProcess:
         self._reader.join(timeout=LEAVING_S)
         assert self.process.stdout is not None
         self.process.stdout.close()
+
+
+def with_stop(failure: str, nodes: Mapping[Role, NodeProcess]) -> str:
+    """Return a failure without an answer or a report of a node, with the time for which its process was stopped."""
+    role, _, reason = failure.removeprefix("node ").partition(" failed: no ")
+    stopped = next((node.stopped for node in nodes.values() if reason and node.role.value == role), 0.0)
+    if stopped < STOPPED_S:
+        return failure
+    cause = f"its process was stopped for {stopped:.1f} s (SIGSTOP, debugger); after {LEASE_S:g} s the others drop it"
+    return f"{failure}; {cause}; a run in one process, without --processes, goes on after a stop"

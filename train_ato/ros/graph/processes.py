@@ -13,7 +13,7 @@ from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros import REMEDY
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
-from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
+from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess, with_stop
 from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.answer_watch import SUSPENDED_S
@@ -70,6 +70,7 @@ def run_processes(
             shared_memory.clean()
     if (end.failure or "").endswith(REMEDY):
         raise ValueError((end.failure or "").partition(" failed: ")[2])
+    end.failure = end.failure and with_stop(end.failure, nodes)
     _collect(nodes, end, options.external)
     by_node = nodes[Role.PLANT].interruption
     end.interruption = interrupt.reason(end.ticks, setup.ticks) if interrupt.asked else by_node
@@ -190,6 +191,8 @@ def _supervise(
         time.sleep(_TURN_S)
         if time.monotonic() - before > SUSPENDED_S:  # this process was suspended; the reports wait in the pipes
             continue
+        for node in nodes.values():
+            node.look()
         if plant.counts and not interrupt.asked:
             restarts.step()
         if failure := _failure(nodes):

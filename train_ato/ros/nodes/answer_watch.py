@@ -16,6 +16,7 @@ With the age of the last answer before it (0.4 s for the supervisor) it is short
 """
 LEASE_S = 3.0
 """Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""
+GONE = "its process ended or stood still, or the link is cut"
 
 
 class AnswerWatch:
@@ -109,7 +110,7 @@ def awaited_node(role: Role, awaited: Mapping[Role, str]) -> tuple[Role, str]:
 def departure(gone: Sequence[Role], stamp: int) -> str:
     """Return the reason of a failure by the first of the nodes that have left at a stamp [ns]."""
     others = f", as did {' and '.join(role.value for role in gone[1:])}" if gone[1:] else ""
-    return f"it left the run at {stamp * 1e-9:.3f} s{others}: its process ended, or the link is cut"
+    return f"it left the run at {stamp * 1e-9:.3f} s{others}: {GONE}"
 
 
 LATE = 1.5

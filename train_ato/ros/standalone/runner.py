@@ -21,7 +21,7 @@ from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Tick
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
-from train_ato.ros.nodes.answer_watch import LEASE_S
+from train_ato.ros.nodes.answer_watch import GONE, LEASE_S
 from train_ato.ros.nodes.endpoints import ROSOUT, NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
 from train_ato.ros.standalone.notices import (
@@ -42,7 +42,7 @@ from train_ato.ros.standalone.notices import (
 TURN_S = 0.1
 RECORD_S = 0.02
 """Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
-CUT = "its messages ended without the notice of the end of the run: its process ended, or the link is cut"
+CUT = f"its messages ended without the notice of the end of the run: {GONE}"
 """Reason of the failure of a plant that has left."""
 SUSPENDED = (
     f"its process was suspended for {{:.1f}} s; after {LEASE_S:g} s the other nodes drop it and messages are lost"
@@ -115,6 +115,7 @@ class StandaloneRunner:
         self._away: dict[Role, int] = {}
         self._continued = threading.Event()
         self._met = False
+        self._suspended = 0.0
         self.first_heard = self.last_heard = self._announced = 0.0
         self._next_report = time.monotonic() + REPORT_EVERY_S
         if attached:
@@ -215,8 +216,11 @@ class StandaloneRunner:
             self.endpoints.guard(self.node.begin)
         of_plant = next(name for name in self.endpoints.subscribed if Role.PLANT in BY_NAME[name].publishers)
         connected = self.endpoints.external is not Role.PLANT
+        turned = time.monotonic()
         while not self._ends and not self._left(of_plant):
             self._executor.spin_once(timeout_sec=TURN_S)
+            self._suspended = max(self._suspended, time.monotonic() - turned)
+            turned = time.monotonic()
             self._take_notices()
             if not connected and not self.endpoints.missing((Role.RECORDER,)):
                 connected = True
@@ -227,7 +231,7 @@ class StandaloneRunner:
 
     def _check_end(self, turn: Callable[[], None]) -> None:
         """Fail the run by the name of the plant if it has left without the notice of the end."""
-        suspended = self.node.suspended if self.role is Role.RECORDER else 0.0
+        suspended = self.node.suspended if self.role is Role.RECORDER else self._suspended
         last = time.monotonic() + NOTICE_S
         while not self._ends and self.endpoints.end is None and time.monotonic() < last:
             turn()
