@@ -1,6 +1,8 @@
 """Figure of a plan over the distance: limits and profile, force within its envelopes, grade."""
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,24 +22,46 @@ from train_ato.report.quantities import GREY, INK, ORANGE, QUANTITIES, axis_titl
 
 LIMIT, PROFILE, FORCE = (QUANTITIES[name].colour for name in ("limit", "speed", "applied"))
 ENVELOPE, GRADE, DARK = GREY, ORANGE, INK
+LIMIT_WORDS = "speed limit over the train length"
 SHORT_LINE_KM = 1.0
 """Below this length the axis is in metres."""
+
+
+Lines = Iterable[tuple[Array, str, str | None]]
+"""Values [SI], colour and label of the lines of a panel."""
+
+
+def _sheet(*ratios: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels over the distance, by their heights."""
+    figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
+    return figure, list(figure.subplots(len(ratios), 1, sharex=True, height_ratios=ratios))
+
+
+def _draw(panel: Axes, place: Array, unit: str, lines: Lines, **style: Any) -> None:
+    """Draw lines over the place of display in a unit."""
+    for values, colour, label in lines:
+        panel.plot(place, shown_per(unit) * values, color=colour, label=label, **style)
 
 
 @styled(SHEET_SIZE)
 def draw_plan(plan: Plan, path: Path) -> None:
     """Draw a plan as PNG, PDF or SVG."""
-    figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
-    speed, force, grade = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1.4))
+    figure, (speed, force, grade) = _sheet(3, 2, 1.4)
     span = plan.arrivals[-1][0] - plan.arrivals[0][0]
     unit = "km" if span >= SHORT_LINE_KM * 1e3 else "m"
     scale = shown_per(unit)
     place = plan.front * scale
-    _draw_speed(speed, plan, place, scale)
+    _draw(speed, place, "km/h", [(plan.limit, LIMIT, LIMIT_WORDS)], lw=1.2, drawstyle="steps-post")
+    _draw(speed, place, "km/h", [(plan.profile.velocity, PROFILE, "profile")], lw=1.6)
+    for at, _, _ in plan.arrivals:
+        speed.axvline(at * scale, color=DARK, lw=0.8, ls=":")
+    speed.set_ylabel(axis_title("speed in km/h"))
+    speed.set_ylim(bottom=0)
     _draw_force(force, plan, place)
     _draw_grade(grade, plan, scale)
     _set_places(grade, plan.line, "place of the front", unit)
     for panel in (speed, force, grade):
+        panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
         panel.margins(x=0.01)
     figure.suptitle(
         f"{plan.train.name} on {plan.line.name}: {plan.running_time:.1f} s, {shown_text(f'{span / 1e3:.3f} km')}, "
@@ -61,33 +85,15 @@ def shown_per(unit: str) -> float:
     return unit_symbols()[unit][1] * display_unit(unit)[1]
 
 
-def _draw_speed(panel: Axes, plan: Plan, place: Array, scale: float) -> None:
-    panel.step(
-        place,
-        shown_per("km/h") * plan.limit,
-        where="post",
-        color=LIMIT,
-        lw=1.2,
-        label="speed limit over the train length",
-    )
-    panel.plot(place, shown_per("km/h") * plan.profile.velocity, color=PROFILE, lw=1.6, label="profile")
-    for at, _, _ in plan.arrivals:
-        panel.axvline(at * scale, color=DARK, lw=0.8, ls=":")
-    panel.set_ylabel(axis_title("speed in km/h"))
-    panel.set_ylim(bottom=0)
-    panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
-
-
 def _draw_force(panel: Axes, plan: Plan, place: Array) -> None:
     traction, electric, air = plan.train.forces_at(plan.profile.velocity)
     keep = 1.0 - plan.settings.force_margin
-    panel.plot(place, keep * traction * shown_per("kN"), color=ENVELOPE, lw=1.0, label="envelopes minus force margin")
-    panel.plot(place, -keep * (electric + air) * shown_per("kN"), color=ENVELOPE, lw=1.0)
+    envelopes = (keep * traction, "envelopes minus force margin"), (-keep * (electric + air), None)
+    _draw(panel, place, "kN", [(values, ENVELOPE, label) for values, label in envelopes], lw=1.0)
     if np.any(air > 0):
-        panel.plot(place, -keep * electric * shown_per("kN"), color=ENVELOPE, lw=1.0, ls="--", label="electric part")
-    panel.plot(place, plan.force * shown_per("kN"), color=FORCE, lw=1.2, label="force of the train")
+        _draw(panel, place, "kN", [(-keep * electric, ENVELOPE, "electric part")], lw=1.0, ls="--")
+    _draw(panel, place, "kN", [(plan.force, FORCE, "force of the train")], lw=1.2)
     panel.set_ylabel(axis_title("force in kN"))
-    panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
 
 
 def _draw_grade(panel: Axes, plan: Plan, scale: float) -> None:
@@ -96,47 +102,29 @@ def _draw_grade(panel: Axes, plan: Plan, scale: float) -> None:
     local = np.interp(front, track.breaks, np.arange(track.breaks.size))
     index = np.floor(local).astype(int) + 1
     inside = (front >= track.breaks[0]) & (front < track.breaks[-1])
-    panel.step(
-        front * scale, 1e3 * np.where(inside, track.grade[index], 0.0), color=GRADE, lw=0.8, label="grade at the front"
-    )
+    here = 1e3 * np.where(inside, track.grade[index], 0.0)
+    panel.step(front * scale, here, color=GRADE, lw=0.8, label="grade at the front")
     mean_force = LineForce(plan.line, plan.train, over_length=plan.settings.grade_over_length).at(front)
-    weight = plan.train.mass * plan.train.gravity
-    panel.plot(
-        front * scale,
-        1e3 * mean_force / weight,
-        color=DARK,
-        lw=1.2,
-        label="mean over the train, with curves and tunnels",
-    )
+    mean = 1e3 * mean_force / (plan.train.mass * plan.train.gravity)
+    panel.plot(front * scale, mean, color=DARK, lw=1.2, label="mean over the train, with curves and tunnels")
     panel.set_ylabel("grade in ‰")
-    panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
 
 
 @styled(SHEET_SIZE)
 def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
     """Draw a trip plan as PNG, PDF or SVG."""
-    figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
-    speed, force, coupler, grade = figure.subplots(4, 1, sharex=True, height_ratios=(3, 2, 2, 1))
+    figure, (speed, force, coupler, grade) = _sheet(3, 2, 2, 1)
+    km, run = shown_per("km"), plan.run
     _draw_trip_speed(speed, plan, line, consist)
-    place, run = plan.run.position * shown_per("km"), plan.run
-    force.plot(place, run.force * shown_per("kN"), color=FORCE, lw=1.2, label="drives")
-    force.plot(place, -run.shoes * shown_per("kN"), color=ORANGE, lw=1.2, label="shoes")
+    place = run.position * km
+    _draw(force, place, "kN", [(run.force, FORCE, "drives"), (-run.shoes, ORANGE, "shoes")], lw=1.2)
     force.set_ylabel(axis_title("force in kN"))
-    coupler.plot(
-        place, run.couplers.max(axis=1, initial=0.0) * shown_per("kN"), color=FORCE, lw=0.8, label="largest draft"
-    )
-    coupler.plot(
-        place, run.couplers.min(axis=1, initial=0.0) * shown_per("kN"), color=ORANGE, lw=0.8, label="largest buff"
-    )
+    draft, buff = run.couplers.max(axis=1, initial=0.0), run.couplers.min(axis=1, initial=0.0)
+    _draw(coupler, place, "kN", [(draft, FORCE, "largest draft"), (buff, ORANGE, "largest buff")], lw=0.8)
     coupler.set_ylabel(axis_title("couplers in kN"))
     track = Track(line)
     places = np.linspace(float(run.position[0]), float(run.position[-1]), 2000)
-    grade.plot(
-        places * shown_per("km"),
-        1e3 * track.grade[np.searchsorted(track.breaks, places, side="right")],
-        color=GREY,
-        lw=1,
-    )
+    grade.plot(places * km, 1e3 * track.grade[np.searchsorted(track.breaks, places, side="right")], color=GREY, lw=1)
     grade.set_ylabel("grade in ‰")
     _set_places(grade, line, "place of vehicle 0's centre", "km")
     speed.legend(loc="lower center", ncols=3)  # the profile is above it, except at both ends
@@ -154,21 +142,11 @@ def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
 
 def _draw_trip_speed(panel: Axes, plan: TripPlan, line: Line, consist: Consist) -> None:
     """Draw limit, profile and the planned applications."""
-    position = plan.profile.position
+    position, km = plan.profile.position, shown_per("km")
     limit = SpeedLimits(line, np.inf).at(position + consist.vehicles[0].length / 2, consist.length)
-    panel.plot(
-        position * shown_per("km"),
-        shown_per("km/h") * limit,
-        color=LIMIT,
-        lw=1.2,
-        label="speed limit over the train length",
-    )
-    panel.plot(
-        position * shown_per("km"), shown_per("km/h") * plan.profile.velocity, color=PROFILE, lw=1.6, label="profile"
-    )
+    _draw(panel, position * km, "km/h", [(limit, LIMIT, LIMIT_WORDS)], lw=1.2)
+    _draw(panel, position * km, "km/h", [(plan.profile.velocity, PROFILE, "profile")], lw=1.6)
     for number, entry in enumerate(plan.applications):
         label = "air brake applied" if number == 0 else None
-        panel.axvspan(
-            entry.apply * shown_per("km"), entry.release * shown_per("km"), color=ORANGE, alpha=0.2, label=label
-        )
+        panel.axvspan(entry.apply * km, entry.release * km, color=ORANGE, alpha=0.2, label=label)
     panel.set_ylabel(axis_title("speed in km/h"))
