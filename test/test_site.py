@@ -156,7 +156,7 @@ def test_the_paper_is_short_and_its_references_exist():
 def test_the_page_of_the_loop_has_every_link_and_every_key_with_its_default():
     """Breaks if a link gets a name that the picture lacks, or a key of the page is renamed."""
     schema = json.loads(schema_text("scenario"))
-    keys = [key for _, part in site.PARTS for key in part]
+    keys = [key for part in site.PARTS.values() for key in part]
     links = {key.split(".")[1] for key in keys if key.startswith("links.")}
     assert links == set(schema["$defs"]["Links"]["properties"])
     page = site.loop_page()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from msgs_docs.generate.rows import page_text, read_rows, table_lines, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, texts, write_rows
 from msgs_docs.generate.swap_cells import table as swap_table
 from msgs_docs.generate.tutorials import page_blocks, run_block
 from plant_sim.plant_setup import Mismatch
@@ -66,24 +66,7 @@ KEPT = (
 )  # fmt: skip
 
 
-REASONS: dict[tuple[str, str], str] = {
-    (FREIGHT, "funnel"): (
-        "The law has one loop for the mean of five vehicles. Each vehicle has its own disturbance, and the vehicles "
-        "swing in the couplers with 132 kN (74 kN under laws with a loop per vehicle). Other settings (`model`, "
-        "`feedforward: true`, no delay state, lower gains) have 3.70 to 3.88 km/h."
-    ),
-    ("daqin_heavy_haul:predictive", "lag_smc"): (
-        "From 2 370 to 2 400 s the electric brake is at its limit of 461 kN, and the train becomes 2.3 km/h too fast. "
-        "`smc` was slower before this time and reaches only 1.7 km/h."
-    ),
-    ("daqin_two_locomotives", "lag_smc"): (
-        "The plan itself already needs -594 kN, and 600 kN are permitted. With `c1: 0.2` the couplers have -628 kN, "
-        "with `model` -618 kN."
-    ),
-    ("daqin_two_locomotives", "mpc"): (
-        "The plan itself already needs -594 kN, and 600 kN are permitted. The law adds 89 kN."
-    ),
-}
+REASONS = {tuple(row["cell"]): row["reason"] for row in texts("reasons")["any_law"]}
 """Measured reason of every cell with default gains that is not met, by scenario and law."""
 
 

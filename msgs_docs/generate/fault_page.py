@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from msgs_docs.generate.rows import page_text, read_rows, table_lines, unmeasured_rows, write_rows
-from plant_sim.library import read_yaml
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, texts, unmeasured_rows, write_rows
 from plant_sim.traction import Envelope
 from train_ato.cli.inject import ACTIONS
 from train_ato.judge.recording import Recording
@@ -69,7 +68,7 @@ class FaultRow:
         return self.base == "daqin"
 
 
-TABLE: dict[str, Any] = read_yaml(Path(__file__).with_name("faults.yaml"))
+TABLE: dict[str, Any] = texts("faults")
 BASES: dict[str, tuple[str, ...]] = {name: tuple(map(str, texts)) for name, texts in TABLE["bases"].items()}
 """Scenario and assignments of the runs by name."""
 ROWS = tuple(FaultRow(**{**row, "sets": tuple(row["sets"])}) for row in TABLE["rows"])

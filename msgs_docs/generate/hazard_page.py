@@ -13,8 +13,7 @@ import numpy as np
 
 from msgs_docs.generate.fault_page import BASES, STANDSTILL, FaultRow, FaultRun, run_row
 from msgs_docs.generate.fault_page import ROWS as FAULT_ROWS
-from msgs_docs.generate.rows import page_text, read_rows, table_lines, unmeasured_rows, write_rows
-from plant_sim.library import read_yaml
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, texts, unmeasured_rows, write_rows
 from plant_sim.traction import Envelope
 from train_ato.judge.protection_record import REACTIONS, protection_summary, state_spans
 from train_ato.judge.recording import BRAKE_PIPE
@@ -161,7 +160,7 @@ def _hazard_row(requirement: str, row: dict[str, Any]) -> HazardRow:
     return HazardRow(requirement, **_with_tuples({**row, "monitors": _parts(row["monitors"]), "pair": pair}))
 
 
-TABLE: dict[str, Any] = read_yaml(Path(__file__).with_name("hazards.yaml"))
+TABLE: dict[str, Any] = texts("hazards")
 HAZARDS = tuple(Hazard(key, **row) for key, row in TABLE["hazards"].items())
 ACTIONS: dict[str, str] = TABLE["actions"]
 """Control action, or feedback it is based on, with sender and receiver."""

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate.rows import table_lines
+from msgs_docs.generate.rows import table_lines, texts
 from plant_sim.units import number_text
 from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
@@ -18,30 +18,7 @@ PAGE = Path("msgs_docs", "nodes.md")
 """Path of the page of the nodes in the repository."""
 REQUIREMENT_PAGE = Path("msgs_docs", "requirements.md")
 MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
-_AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
-_SERVICES = {
-    "change_state": "no transition is offered: refused, with a line on standard error and `/rosout`",
-    "get_available_transitions": "none",
-    "get_transition_graph": "none",
-    "get_state": "`unconfigured` before all connections, `inactive` before the first tick, `active`, `finalized`",
-    "adhesion": "multiply the adhesion by `adhesion.factor`, for the rest of the run",
-    "brake_fade": "multiply the forces of the friction brakes by `brake_fade.factor`, for the rest of the run",
-    "drive_gain": "multiply the forces of all drives by `drive_gain.factor`, for the rest of the run",
-    "message_freeze": "constant content of `message_freeze.topic` for `message_freeze.duration`",
-    "message_loss": "no messages of `message_loss.topic` at the plant for `message_loss.duration`",
-    "delay_jump": f"change the command delays with the parameters `delay_jump.*`; {_AT_MOST['delay_jump']} in a run",
-    "disengage": "disengage the ATO: traction is off at once, the train brakes after 5 s; from the state engaged",
-    "emergency_brake": "`true` applies the emergency brake, `false` releases this one (at standstill only)",
-    "engage": "engage the ATO with a new profile from this place; from the state ready",
-    "gust": f"a gust with the parameters `gust.*`; {_AT_MOST['gust']} at once",
-    "pause": "`true` pauses the run, `false` resumes it",
-    "ready": "`success` after the discovery of the other nodes; `data: true`: also of the recorder",
-    "reset": "`controller`: end the state failure of the ATO (at standstill only); `plant`: end this run, which "
-    "`train-ato run` begins again in the next run folder",
-    "start": "resume a paused run",
-    "step": "run one tick of a paused run",
-    "stop": "end the run after the current tick",
-}
+_SERVICES = {name: text.format(**MAX_REQUESTS) for name, text in texts("services").items()}
 """Meaning of every service."""
 _EVERYWHERE = frozenset({"use_sim_time", "start_type_description_service"})
 

@@ -6,6 +6,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from plant_sim.library import read_yaml
+
 
 def read_rows(path: Path) -> Any:
     """Return the rows of a file; an empty table without the file."""
@@ -52,6 +54,11 @@ def unmeasured_rows(kind: str, name: str, wanted: Mapping[str, object], found: M
     old = [row for row, run in wanted.items() if found.get(row, {}).get("run") != run]
     lines = [f"{kind} '{row}': not measured; {remedy}" for row in old]
     return lines + [f"{kind} '{row}': no such row; {remedy}" for row in found.keys() - wanted.keys()]
+
+
+def texts(name: str) -> Any:
+    """Return the content of ``NAME.yaml`` beside the modules: rows and texts of a page."""
+    return read_yaml(Path(__file__).with_name(f"{name}.yaml"))
 
 
 def page_text(name: str, **parts: object) -> str:

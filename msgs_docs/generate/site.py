@@ -14,27 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 import train_ato as ta
 from msgs_docs.generate.reference_pages import as_cell, as_code, as_table, schema_text
-from msgs_docs.generate.rows import page_text
+from msgs_docs.generate.rows import page_text, texts
 from plant_sim.units import number_text
 from train_ato.judge.metric_names import METRICS
 
 Changes = dict[str, Any]
-METRO: Changes = {
-    "profile": {
-        "phases": [
-            {"accelerate_to": 15.0, "acceleration": 0.8},
-            {"cruise_for": 10.0},
-            {"brake_to": 0.0, "acceleration": 0.8},
-        ]
-    },
-    "plant.start": {},
-    "duration": 80.0,
-}
-"""Short drive of the metro train from rest to rest."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +48,15 @@ class Symptom:
     drive: Changes | None = None
 
 
-FILE = Path(__file__).with_name("symptoms.yaml")
-SYMPTOMS = tuple(Symptom(**row) for row in yaml.safe_load(FILE.read_text(encoding="utf-8")))
+DRIVE: Changes = texts("site")["drive"]
+"""Short drive of the metro train from rest to rest."""
+SYMPTOMS = tuple(Symptom(**row) for row in texts("site")["symptoms"])
 """Rows of the page."""
 
 
 def both_drives(symptom: Symptom) -> tuple[float, float]:
     """Return the magnitude of the metric with the cause, without and with the change."""
-    start = ta.scenario(symptom.scenario).with_({**(symptom.drive or METRO), **symptom.cause})
+    start = ta.scenario(symptom.scenario).with_({**(symptom.drive or DRIVE), **symptom.cause})
     runs = (ta.run(start), ta.run(start.with_(symptom.change)))
     values = [run.metrics[symptom.metric] for run in runs]
     return abs(values[0]), abs(values[1])
@@ -102,22 +89,7 @@ def _short(value: object) -> str:
     return re.sub(r"['{}\[\]]", "", str(value))
 
 
-PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("1 sensors", ("plant.sensors.position_noise", "plant.sensors.velocity_noise", "plant.sensors.position_quantum",
-                   "plant.sensors.velocity_quantum", "plant.sensors.position_bias", "plant.sensors.velocity_bias")),
-    ("2 measurement link", ("links.measurement.delay", "links.measurement.jitter", "links.measurement.loss")),
-    ("3 reference link", ("links.reference.delay",)),
-    ("4 estimate link", ("links.estimate.delay",)),
-    ("5 law", ("tick", "control_period", "hold_limit")),
-    ("6 command link", ("links.command.delay", "links.command.delay_brake", "links.command.varying",
-                        "links.command.jitter", "links.command.loss", "links.command.jump")),
-    ("7 actuator", ("plant.mismatch.actuator_gain", "plant.dead_band", "plant.force_limit", "plant.adhesion",
-                    "plant.rate_limit", "plant.lag")),
-    ("8 air brake", ("links.brake_pipe.delay",)),
-    ("9 supervisor", ("supervision.period", "links.brake_release.delay", "supervision.failsafe.hold",
-                      "supervision.failsafe.coast", "supervision.failsafe.service", "supervision.failsafe.release")),
-    ("model of the law", ("model.delay", "model.delay_brake", "model.lag")),
-)  # fmt: skip
+PARTS: dict[str, list[str]] = texts("site")["parts"]
 """Keys of a scenario by part of the loop."""
 
 
@@ -125,7 +97,7 @@ def loop_page() -> str:
     """Return the page of the loop."""
     schema = json.loads(schema_text("scenario"))
     rows = []
-    for part, keys in PARTS:
+    for part, keys in PARTS.items():
         for key in keys:
             value = key_of(schema, key)
             default = as_code(value["default"]) if "default" in value else ""

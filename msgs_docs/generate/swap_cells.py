@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from msgs_docs.generate.rows import read_rows, row_line, table_lines, write_rows
+from msgs_docs.generate.rows import read_rows, row_line, table_lines, texts, write_rows
 from plant_sim.units import number_text
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
@@ -37,25 +37,7 @@ JERK = {
     "freight_consensus": 0.1,
 }  # fmt: skip
 """Jerk of the profile [m/s³]; that of the recorded one of daqin_heavy_haul jumps, its limit is in the scenario."""
-REASONS: dict[tuple[str, str, str, str], str] = {
-    **dict.fromkeys(
-        [("xuzhou_metro", "standstill", old, new) for old, new in permutations(("lag_smc", "mpc"))],
-        "A linear programme shows that no command within the bound has less than 0.0142 m/s at this departure.",
-    ),
-    ("xuzhou_metro", LAST, "rbf_smc", "gpc"): (
-        "The command of `rbf_smc` swings. In the last 0.3 s its mean is 1.2 kN above the force of the profile. The new "
-        "law takes this mean for a lasting force. A change 0.2 s later has 0.0327 m."
-    ),
-    **dict.fromkeys(
-        [("crh380a_gpc:short", "acceleration", "lag_smc", new) for new in ("funnel", "gpc")],
-        "Under the old law the units have 73.4, 45.8 and 64.7 kN, under the new law 69, 46 and 69 kN. The units have "
-        "delays of 1.0, 1.1 and 1.2 s, so that for 0.2 s the train has 4.4 kN too little.",
-    ),
-    ("crh380a_gpc:short", LAST, "mpc", "rbf_smc"): (
-        "The position error is 3 mm at the change. It is 11 mm when the reference has joined the profile. The "
-        "standstill adds 17 mm, as under the new law alone."
-    ),
-}
+REASONS = {tuple(cell): row["reason"] for row in texts("reasons")["swaps"] for cell in row["cells"]}
 """Measured reason of the changes beyond twice the error, by scenario, place, old and new law."""
 _at_place: tuple[TickLoop, RunSetup, LawChange, str] | None = None
 """Run at a place with its change, for the processes that drive on from there."""
