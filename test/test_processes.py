@@ -133,6 +133,16 @@ def test_a_run_that_was_stopped_before_its_first_tick_blames_no_recorder():
     assert end.failure is None
 
 
+@pytest.mark.parametrize(("commands", "status", "done"), [(6000, -9, True), (5999, -9, False), (6000, 1, False)])
+def test_a_node_that_is_killed_after_its_last_message_fails_no_run(commands, status, done, setup):
+    """Breaks if a kill beside the end fails a run with all its messages, or one without its last command passes."""
+    nodes = {role: SimpleNamespace(role=role, counts={"ignored": [0]}, tick=6000, failure=None) for role in ROLES}
+    nodes[Role.CONTROLLER].failure, nodes[Role.CONTROLLER].process = "killed", SimpleNamespace(returncode=status)
+    counts = {topic.name: 6000 for topic in topics_of(setup.layout)} | {"ato/command": commands}
+    nodes[Role.RECORDER].counts |= {f"recorded {topic}": [count] for topic, count in counts.items()}
+    assert processes._work_done(nodes, setup) is done
+
+
 @pytest.mark.graph
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     """All messages of the chunks closed before the kill are recovered, without a gap."""
@@ -205,6 +215,14 @@ def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure,
     node.end(0.1)
     assert node.failure == failure
     assert node.process.returncode == -signal.SIGKILL
+
+
+def test_a_process_that_is_killed_after_its_last_count_fails_no_run(hanging):
+    """Breaks if a middleware that crashes at its end, after the work of the node, fails a complete run."""
+    node = hanging("ignored:0", Role.CONTROLLER)
+    node.process.kill()
+    node.process.wait()
+    assert not node.failure and not node.crashed
 
 
 def test_a_stopped_process_is_the_reason_of_a_missing_answer(hanging):

@@ -136,14 +136,14 @@ class NodeProcess:
 
     @property
     def failure(self) -> str | None:
-        """Failure of the node with its reason; None while it runs and after a regular end."""
+        """Failure of the node with its reason; None while it runs, after a regular end and after its last count."""
         status = self.process.poll()
         if status is None or (status == 0 and self._reported_all):
             return None
+        named = self.last_error if self.last_error.startswith("node ") else ""
+        if status < 0 and not named and self._reported_all:
+            return None
         if self._hung:
-            named = self.last_error if self.last_error.startswith("node ") else ""
-            if not named and LAST_COUNT in self.counts:
-                return None
             text = named or "its process did not end with the run"
         elif status == 0:
             text = "its process ended before the run, with status 0"
@@ -157,7 +157,7 @@ class NodeProcess:
     def crashed(self) -> bool:
         """True if the process has ended by a signal or with a status other than 0, without the report of a failure."""
         status = self.process.poll()
-        if status is None or status == BAD_INPUT or (status == 0 and self._reported_all):
+        if status is None or status == BAD_INPUT or (status <= 0 and self._reported_all):
             return False
         return status <= 0 or not self.last_error.startswith("node ")
 

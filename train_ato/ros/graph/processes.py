@@ -8,7 +8,7 @@ from pathlib import Path
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.faults import node_faults
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import Rate, Role, topics_of
 from train_ato.program.interrupt import Interrupt, interruptible
 from train_ato.ros import REMEDY
 from train_ato.ros.graph import shared_memory
@@ -70,7 +70,7 @@ def run_processes(
             shared_memory.clean()
     if (end.failure or "").endswith(REMEDY):
         raise ValueError((end.failure or "").partition(" failed: ")[2])
-    end.failure = end.failure and with_stop(end.failure, nodes)
+    end.failure = None if _work_done(nodes, setup) else end.failure and with_stop(end.failure, nodes)
     _collect(nodes, end, options.external)
     by_node = nodes[Role.PLANT].interruption
     end.interruption = interrupt.reason(end.ticks, setup.ticks) if interrupt.asked else by_node
@@ -251,6 +251,22 @@ def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
     missed = [text for text in failures if text.startswith(_PLANT_FAILED) and text != plant.failure]
     own = [text for text in failures if text not in missed]
     return next(iter(own if plant.process.poll() is None else own + missed), None)
+
+
+def _work_done(nodes: dict[Role, NodeProcess], setup: RunSetup) -> bool:
+    """Return True if the failed nodes were killed after their last message: every tick is recorded."""
+    failed = [node for node in nodes.values() if node.failure]
+    plant, recorded = nodes[Role.PLANT], nodes[Role.RECORDER].counts
+    ended = LAST_COUNT in plant.counts and plant.tick == setup.ticks and LAST_COUNT in recorded
+    if not ended or any(node.process.returncode >= 0 for node in failed):
+        return False
+    periods = {Rate.TICK: 1, Rate.SUPERVISION: setup.supervision_ticks}
+    own = [topic for topic in topics_of(setup.layout) if topic.recorded and topic.rate in periods]
+    return all(
+        recorded.get(f"recorded {topic.name}", [0])[0] * periods[topic.rate] >= setup.ticks
+        for topic in own
+        if any(node.role in topic.publishers for node in failed)
+    )
 
 
 def _end_all(nodes: dict[Role, NodeProcess], *, failed: bool) -> None:
