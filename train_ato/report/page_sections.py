@@ -7,11 +7,10 @@ import numpy as np
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
-from plant_sim.library import read_yaml
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
 from train_ato.report.curves import Curves, shown_curves
-from train_ato.report.page import HEIGHT, HERE, Figure, Linked, PageSection, Placed
+from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
 from train_ato.report.page_data import (
     CELLS,
     PageData,
@@ -19,6 +18,7 @@ from train_ato.report.page_data import (
     downsampled,
     largest_magnitude,
     motion_differences,
+    page_tables,
     run_colours,
     run_dash,
     share_of,
@@ -109,8 +109,8 @@ FigureTable = Mapping[tuple[str, str], tuple[FigureSpec, ...]]
 
 
 def _read_figures(kind: str) -> FigureTable:
-    """Return a table of ``page.yaml``."""
-    rows = read_yaml(HERE / "page.yaml")[kind]
+    """Return a table of figures."""
+    rows = page_tables()[kind]
     return {(row["anchor"], row["title"]): tuple(FigureSpec(**figure) for figure in row["figures"]) for row in rows}
 
 

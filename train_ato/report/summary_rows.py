@@ -18,7 +18,7 @@ from train_ato.judge.verdict import (
     verdict_line,
 )
 from train_ato.program.display_units import display_unit
-from train_ato.report.page_data import PageData
+from train_ato.report.page_data import PageData, page_tables
 
 
 @dataclass(frozen=True)
@@ -41,53 +41,7 @@ class Row:
 
 
 GROUPS: dict[str, tuple[Row, ...]] = {
-    "Stops and speed limit": (
-        Row("stop_error_m", 3, "at the last stop: front minus target at standstill"),
-        Row("stop_error_max_m", 3, "front minus target at standstill"),
-        Row("overspeed_max_kmh", 2, "above the lowest limit under the train"),
-        Row("running_time_s", 1, "from the first motion to the arrival at the last stop"),
-        Row("arrival_delay_max_s", 1, "at a stop, against the profile"),
-    ),
-    "Tracking": (
-        Row("tracking", 0, "tracked, or the worst deviation from the reference"),
-        Row("speed_rmse_kmh", 3, "over the evaluation; mean of the power units"),
-        Row("speed_error_max_kmh", 3, "over the evaluation; of all power units"),
-        Row("speed_rmse_run_kmh", 3, "with the final braking"),
-        Row("speed_error_run_max_kmh", 3, "with the final braking"),
-        Row("position_rmse_m", 2, "over the evaluation"),
-        Row("position_error_max_m", 2, "over the evaluation"),
-    ),
-    "Forces in the train and comfort": (
-        Row("coupler_draft_max_kn", 0, "of all couplers, at every step of the plant"),
-        Row("coupler_buff_max_kn", 0, "of all couplers, at every step of the plant"),
-        Row("coupler_damage", 3, "rainflow; 1 per cycle of 1 MN, slope 5"),
-        Row("coupler_damage_worst", 4, "of one coupler"),
-        Row("acceleration_max", 3, "of vehicle 0, over 0.1 s"),
-        Row("jerk_max", 2, "of vehicle 0 over 0.1 s, with the capture at standstill"),
-        Row("jerk_1s_max", 3, "of the mean acceleration of vehicle 0"),
-    ),
-    "Command": (
-        Row("command_variation_kn_per_s", 1, "sum of its changes, per second"),
-        Row("saturated_s", 1, "demand at or beyond it, clipped by law or train"),
-        Row("held_steps", 0, "no new command arrived in time"),
-        Row("commands_lost", 0, "on the link to the train"),
-        Row("commands_missed", 0, "at the train"),
-        Row("commands_refused", 0, "by the train: invalid or too old"),
-        Row("commands_late", 0, "after their tick, in real time without lockstep"),
-        Row("unsound_measurements", 0, "not finite or physically impossible; not used"),
-        Row("replans", 0, "after a shortfall of the force"),
-    ),
-    "Energy": (
-        Row("energy_traction_kwh", 1, "work of the traction forces"),
-        Row("energy_regenerated_kwh", 1, "work of the electric brake"),
-    ),
-    "Run": (
-        Row("simulated_s", 1, ""),
-        Row("wall_s", 1, ""),
-        Row("real_time_factor", 0, ""),
-        Row("step_time_us_median", 0, "wall time of one step of the law"),
-        Row("step_time_us_p99", 0, "wall time of one step of the law"),
-    ),
+    title: tuple(Row(key, *cells) for key, cells in rows.items()) for title, rows in page_tables()["metrics"].items()
 }
 """The rows of the summary."""
 SUPERVISION = "Supervision"
