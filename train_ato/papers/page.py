@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from train_ato.papers.claims import (
@@ -69,34 +70,7 @@ def _judged(claim: Claim, results: Results) -> Judgement:
         return Judgement("-", Verdict.NOT_REPRODUCED, "; ".join([*failures, reason]))
 
 
-INTRODUCTION = """\
-# Claims of the papers and results
-
-Written by `train-ato reproduce{options}`. Every number is from a run of that command on the shipped scenarios.
-A claim is "reproduced" if it holds as stated in the paper. It is "only in another setting" if it holds after the change
-in the reason. Otherwise it is "not reproduced", also if a part of it holds. "Goal" marks goals of this project.
-"Independent" marks values of a second implementation of the same corrected equations, which is not part of this
-project. Where the paper gives no reference profile, that implementation follows another one. Where its law differs, the
-table names the difference. "Useless" is an error of ten times the quantity or more.
-
-Every bound is fixed before the run. Its source is in brackets: a figure of the paper, a closed form, a goal, or the
-words of the paper. The measured figure is behind the bound. A figure within 3 % of its bound has a note. Words have the
-same meaning in all papers:
-
-| word | bound |
-| --- | --- |
-| better | at most {better:.0%} of the other error |
-| significantly, effective | at most {much:.0%} of the other error |
-| removed, precisely, accurate | at most {removed:.0%} |
-| unchanged | within {unchanged:.0%} |
-| robust | at most {robust:.0%} of the nominal error |
-| about | within {about:.0%} of the figure |
-
-The last column of the next table has the verdicts of release 0.2.0 in the same order, before the bounds were fixed in
-this way. One claim was removed, because its reference had been chosen to meet it (11.4 % of demand above the force
-limit, paper 003).
-"""
-
+INTRODUCTION = Path(__file__).with_name("introduction.md")
 FORMER: Mapping[str, tuple[int, int, int]] = {
     "000": (14, 6, 4), "001": (12, 1, 3), "002": (3, 8, 1), "003": (7, 4, 0), "004": (2, 8, 0),
 }  # fmt: skip
@@ -127,7 +101,8 @@ def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: s
         "better": BETTER, "much": MUCH_BETTER, "removed": REMOVED, "unchanged": UNCHANGED, "robust": ROBUST,
         "about": ABOUT,
     }  # fmt: skip
-    return INTRODUCTION.format(options=options, **shares) + "\n" + _table(("paper", *verdicts, "before"), lines)
+    head = INTRODUCTION.read_text(encoding="utf-8").format(options=options, **shares)
+    return head + "\n" + _table(("paper", *verdicts, "before"), lines)
 
 
 def section(

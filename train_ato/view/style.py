@@ -1,5 +1,7 @@
 """Colours and themes of the page, dark; the quantities have the hues of the report."""
 
+from pathlib import Path
+from string import Template
 from typing import Any
 
 from train_ato.report.quantities import FONT, ORANGE, SKY
@@ -44,28 +46,6 @@ THEME: dict[str, Any] = {
 }  # fmt: skip
 """Bokeh theme of every figure on the page."""
 
-WIDGETS = f"""
-:host {{ color: {TEXT}; font-family: {FONT}; }}
-label, .bk-slider-title {{ color: {SOFT}; font-size: 12px; }}
-.bk-slider-title .bk-slider-value, .bk-slider-value {{ color: {TEXT}; }}
-.bk-input {{ background-color: {GROUND}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 4px; min-height: 26px;
-  padding: 0 8px; font-size: 12px; }}
-.bk-input:focus {{ border-color: {SKY}; box-shadow: none; }}
-.bk-input[disabled] {{ background-color: #142230; color: #5b6f82; border-color: #24384b; opacity: 1; }}
-select.bk-input {{ background-image: none; }}
-select.bk-input option {{ background: {GROUND}; color: {TEXT}; padding: 3px 2px; }}
-.bk-btn {{ background: #1a2c3d; color: {TEXT}; border: 1px solid #34506a; border-radius: 4px; font-size: 12px;
-  font-weight: 600; text-shadow: none; }}
-.bk-btn:hover {{ background: #22394f; border-color: {SKY}; color: #fff; }}
-.bk-btn.bk-active {{ background: {SKY}; color: #06121d; border-color: {SKY}; box-shadow: none; }}
-.bk-btn[disabled], .bk-btn[disabled]:hover {{ background: #142230; color: #5b6f82; border-color: #24384b; opacity: 1; }}
-.bk-btn-danger {{ background: #b3181b; border-color: #ff6a63; color: #fff; font-size: 14px; letter-spacing: .04em; }}
-.bk-btn-danger:hover {{ background: #d92226; }}
-.bk-btn-warning {{ background: #7a5a12; border-color: #d6a72f; color: #fff; font-size: 14px; }}
-.noUi-target {{ background: #1f3244; border: none; box-shadow: none; height: 6px; }}
-.noUi-connect {{ background: {SKY}; }}
-.noUi-handle {{ background: {TEXT}; border: none; box-shadow: 0 0 2px #000; }}
-.noUi-handle::before, .noUi-handle::after {{ display: none; }}
-.bk-switch {{ filter: none; }}
-"""
+_COLOURS = {"EDGE": EDGE, "FONT": FONT, "GROUND": GROUND, "SKY": SKY, "SOFT": SOFT, "TEXT": TEXT}
+WIDGETS = Template(Path(__file__).with_name("page.widgets.css").read_text(encoding="utf-8")).substitute(_COLOURS)
 """Style sheet of the widgets; each widget has its own shadow root."""
