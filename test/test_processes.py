@@ -217,6 +217,31 @@ def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure,
     assert node.process.returncode == -signal.SIGKILL
 
 
+TRACE = """node: a warning
+Traceback (most recent call last):
+  File "entry.py", line 1, in _run
+    node = make_node(
+"""
+
+
+@pytest.mark.parametrize(
+    ("printed", "error"),
+    [
+        (TRACE, ""),
+        (f"{TRACE}ValueError: first\nsecond line\n  third\n", "ValueError: first"),
+        (f"{TRACE}E: 1\n\nDuring handling of E:\n\n{TRACE}KeyError: 2\na thread ends\n", "KeyError: 2"),
+        (f"node plant failed: late\n{TRACE}KeyError: 2\n", "node plant failed: late"),
+        ("plant: a.yaml: no such file\n", "a.yaml: no such file"),
+    ],
+)
+def test_the_last_error_of_a_node_is_that_of_its_traceback(printed, error, hanging):
+    """Breaks if a line of the code is the reason of a failure, or keeps a crashed node from its restart."""
+    node = hanging("tick:1", Role.PLANT)
+    node._errors.write_text(printed)
+    assert node.last_error == error
+    node.end(0.0)
+
+
 def test_a_process_that_is_killed_after_its_last_count_fails_no_run(hanging):
     """Breaks if a middleware that crashes at its end, after the work of the node, fails a complete run."""
     node = hanging("ignored:0", Role.CONTROLLER)

@@ -119,14 +119,20 @@ class NodeProcess:
 
     @property
     def last_error(self) -> str:
-        """Failure that the node has printed, otherwise the last line of standard error without the name of the node."""
+        """Failure that the node has printed, otherwise the error of its last traceback, or its last line."""
         if self.process.poll() is not None:
             self._reader.join(READ_S)
         if failure := self._said.get(FAILURE.strip()):
             return failure
-        lines = [line.strip() for line in self._errors.read_text(errors="replace").splitlines() if line.strip()]
-        named = [line for line in lines if line.startswith("node ")]
-        return (named or lines or [""])[-1].removeprefix(f"{self.role.value}: ")
+        printed = self._errors.read_text(errors="replace")
+        _, traced, text = printed.rpartition("Traceback (most recent call last):\n")
+        lines = [line for line in text.splitlines() if line.strip() and not (traced and line[0].isspace())]
+        named = [line for line in printed.splitlines() if line.startswith("node ") and " failed: " in line]
+        return (
+            (named[-1:] or (lines[:1] if traced else lines[-1:]) or [""])[0]
+            .strip()
+            .removeprefix(f"{self.role.value}: ")
+        )
 
     @property
     def _reported_all(self) -> bool:
