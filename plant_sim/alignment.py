@@ -67,7 +67,7 @@ class Alignment:
         self._grade = _Pieces(track.breaks, track.grade)
         self._height_begin = float(self._grade.integral(np.array([line.begin]))[0])
         self._coordinates = line.coordinates
-        self._plan = _polyline(line.coordinates) if line.coordinates else _Arcs(line)
+        self._plan = _Polyline(line.coordinates) if line.coordinates else _Arcs(line)
 
     def at(self, place: Array) -> TrackPose:
         """Return position and direction at places along the line [m], shape (k,)."""
@@ -144,10 +144,14 @@ class _Arcs:
 
 
 class _Polyline:
-    """Plan of straight pieces between given points."""
+    """Plan of straight pieces between coordinates, on the tangent plane at the first one (equirectangular)."""
 
-    def __init__(self, places: Array, x: Array, y: Array) -> None:
-        self.breaks, self._x, self._y = places, x, y
+    def __init__(self, coordinates: Sequence[Coordinate]) -> None:
+        latitude = np.radians([entry.latitude for entry in coordinates])
+        longitude = np.radians([entry.longitude for entry in coordinates])
+        self._x = x = EARTH_RADIUS * np.cos(latitude[0]) * (longitude - longitude[0])
+        self._y = y = EARTH_RADIUS * (latitude - latitude[0])
+        self.breaks = places = np.array([entry.at for entry in coordinates])
         self._directions = np.diff(x) / np.diff(places), np.diff(y) / np.diff(places)
 
     def at(self, place: Array) -> tuple[Array, Array, Array]:
@@ -177,12 +181,3 @@ def _sides(curves: Sequence[Curve]) -> list[tuple[Curve, float]]:
         found.append((curve, sign))
         sign = -sign
     return found
-
-
-def _polyline(coordinates: Sequence[Coordinate]) -> _Polyline:
-    """Return the plan of coordinates on the tangent plane at the first one (equirectangular projection)."""
-    latitude = np.radians([entry.latitude for entry in coordinates])
-    longitude = np.radians([entry.longitude for entry in coordinates])
-    x = EARTH_RADIUS * np.cos(latitude[0]) * (longitude - longitude[0])
-    y = EARTH_RADIUS * (latitude - latitude[0])
-    return _Polyline(np.array([entry.at for entry in coordinates]), x, y)

@@ -187,8 +187,9 @@ class Train:
                     f"brake-pipe pressure demanded, but train '{self.consist.name}' has no air brake; demand None"
                 )
             self.pipe.demand(time, brake_pipe_pa)
-        if self.outside.added_gusts:
-            self._drop_gusts()
+        if self.outside.added_gusts and self.outside.drop_over(self.time):
+            self.arrays.state[k.DRIVE_FORCE] = 0.0
+            self._outside_force[:] = 0.0
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
         outside = self.outside.sum
@@ -246,12 +247,6 @@ class Train:
     def add_jump(self, jump: Jump) -> None:
         """Add a jump that is not in the setup."""
         self.jumps.add(jump)
-
-    def _drop_gusts(self) -> None:
-        """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
-        if self.outside.drop_over(self.time):
-            self.arrays.state[k.DRIVE_FORCE] = 0.0
-            self._outside_force[:] = 0.0
 
     def apply_emergency_brake(self) -> None:
         """Vent the brake pipe from now on, or without an air brake open the loop of the friction emergency brake.

@@ -65,19 +65,15 @@ def refuse_foreign(data: Mapping[str, Any], place: str, what: str, kinds: Mappin
         raise ValueError(f"{place}: holds a {other} ({kinds[other]}), no {what}; exchange them")
     kind, held = kind_by_keys(data)
     if kind:
-        raise ValueError(f"{place}: {kind} is not read; {formats_read(held)}")
+        formats, own = _READ[held]
+        remedy = f"write its figures in one of these (own format: train_ato/{own}/1)"
+        raise ValueError(f"{place}: {kind} is not read; a {held} is read from {formats}; {remedy}")
     schema = str(data.get("schema", ""))
     formats, own = _READ[what]
     raise ValueError(
         f"{place}: schema = '{schema[:60]}': no supported {what} format ({formats}); "
         f"begin a train_ato file with 'schema: train_ato/{own}/1'"
     )
-
-
-def formats_read(what: str) -> str:
-    """Return the remedy for a ``train`` or ``line`` of another format."""
-    formats, own = _READ[what]
-    return f"a {what} is read from {formats}; write its figures in one of these (own format: train_ato/{own}/1)"
 
 
 MAX_FILE_SIZE = 64 * 2**20

@@ -29,19 +29,12 @@ class Definition:
     hash: str
 
 
-def _prefixes() -> list[Path]:
-    """Return the installation prefixes of packages: of this interpreter (wheels) and of a sourced ROS 2."""
-    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    return [Path(prefix) for prefix in (sys.prefix, *sourced) if prefix]
-
-
 def _file(type_name: str, suffix: str) -> Path | None:
+    """Return a file of a message type in the installation of this interpreter (wheels), or of a sourced ROS 2."""
     package, _, name = type_name.split("/")
-    for prefix in _prefixes():
-        path = prefix / "share" / package / "msg" / f"{name}{suffix}"
-        if path.is_file():
-            return path
-    return None
+    prefixes = (sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    paths = (Path(prefix, "share", package, "msg", f"{name}{suffix}") for prefix in prefixes if prefix)
+    return next(filter(Path.is_file, paths), None)
 
 
 def dependencies(text: str, package: str) -> list[str]:

@@ -177,7 +177,8 @@ class _Comparison:
             topics = self._open.pop(stamp)
             for topic in sorted(topics, key=_place):
                 mine, theirs = (
-                    sorted(found, key=_by_node) if topic == "/diagnostics" else found for found in topics[topic]
+                    sorted(found, key=lambda data: (status_name(data), data)) if topic == "/diagnostics" else found
+                    for found in topics[topic]
                 )
                 for a, b in zip_longest(mine, theirs):
                     if a != b:
@@ -192,11 +193,6 @@ class _Comparison:
         if found is not None:
             self._differing[topic] += 1
             self._first = self._first or found
-
-
-def _by_node(data: bytes) -> tuple[str, bytes]:
-    """Return the order of diagnostics: by node, also where an older log has another name of the status."""
-    return status_name(data), data
 
 
 def _place(topic: str) -> tuple[int, str]:

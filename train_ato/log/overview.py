@@ -161,9 +161,10 @@ def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int, end: int
     first, last = (float(stamps[place] - begin) / 1e9 for place in (0, -1))
     rate = (stamps.size - 1) / (last - first) if last > first else None
     found: dict[str, Any] = {}
-    if _periodic(name):
+    known = table_name(name)
+    if known is None or BY_NAME[known].rate is not Rate.ONCE:  # a topic without repeated messages has no gaps
         distinct = np.unique(stamps)
-        steps = np.diff(distinct, append=max(end, distinct[-1]) if table_name(name) is not None else distinct[-1])
+        steps = np.diff(distinct, append=distinct[-1] if known is None else max(end, distinct[-1]))
         late = steps > LATE * np.median(steps[:-1]) if steps.size > 2 else np.zeros(0, dtype=bool)
         if late.any():
             worst = int(steps.argmax())
@@ -173,9 +174,3 @@ def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int, end: int
                 "longest_gap_at_s": float(distinct[worst] - begin) / 1e9,
             }
     return TopicOverview(name, kind, int(stamps.size), rate, first, last, **found)
-
-
-def _periodic(name: str) -> bool:
-    """Return True for a topic with repeated messages; others have no gaps."""
-    known = table_name(name)
-    return known is None or BY_NAME[known].rate is not Rate.ONCE

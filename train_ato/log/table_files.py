@@ -206,7 +206,8 @@ def write_tables(
         left_out = {reader.key(name): reason for name, reason in reader.left_out.items()}
         found = {reader.key(name): table for name, table in tables.items() if name not in reader.left_out}
         if not found:
-            raise ValueError(f"{run}: the log has no message for a table{_reasons(left_out)}")
+            reasons = "; ".join(f"{topic}: {reason}" for topic, reason in left_out.items())
+            raise ValueError(f"{run}: the log has no message for a table{reasons and f' ({reasons})'}")
         names, written = file_names(found), []
         for done, (topic, table) in enumerate(found.items()):
             progress(0.5 + done / len(found) / 2, topic)
@@ -220,10 +221,6 @@ def write_tables(
                     rows = sum(FORMATS[ending](schema, parts, path))
                 written.append(Written(path.name, topic, rows, len(schema.names) - 1, path.stat().st_size))
     return written, left_out
-
-
-def _reasons(left_out: dict[str, str]) -> str:
-    return f" ({'; '.join(f'{topic}: {reason}' for topic, reason in left_out.items())})" if left_out else ""
 
 
 def file_names(topics: Iterable[str]) -> dict[str, str]:

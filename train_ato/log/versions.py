@@ -46,14 +46,10 @@ def source_hash() -> str:
     return digest.hexdigest()
 
 
-def versions_yaml() -> str:
-    """Return the versions as YAML text for the attachment."""
-    return yaml.safe_dump(versions(), sort_keys=False, width=1000)
-
-
 def attachments_for(scenario: str) -> dict[str, bytes]:
     """Return the attachments of the log of a run: resolved scenario and versions."""
-    return {SCENARIO: scenario.encode(), VERSIONS: versions_yaml().encode()}
+    text: str = yaml.safe_dump(versions(), sort_keys=False, width=1000)
+    return {SCENARIO: scenario.encode(), VERSIONS: text.encode()}
 
 
 def read_versions(text: bytes) -> dict[str, str]:

@@ -12,6 +12,7 @@ type.
 import dataclasses
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from math import isfinite
 from typing import Any
 
@@ -303,13 +304,10 @@ def _either(decode: Callable[[bytes], Any], former: Topic, layout: TrainLayout) 
         except ValueError:
             if not records:
                 records.append(TopicRecord(former, layout))
-            try:
+            with suppress(ValueError):
                 found = records[0].decode(data)
-            except ValueError:
-                found = None
-            if found is None:
-                raise
-        return found.today() if isinstance(found, FormerTrainAhead) else found
+                return found.today() if isinstance(found, FormerTrainAhead) else found
+            raise
 
     return decoded
 

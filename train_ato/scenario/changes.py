@@ -196,7 +196,9 @@ class RunChanges:
         ahead, matched = list(scenario.interventions), []
         tick_ns = _tick(scenario)
         for stamp, entry in self.done:
-            plans = [plan for plan in ahead if _same(plan, entry) and due_stamp(plan, tick_ns) <= stamp]
+            alike = entry.model_dump(exclude={"at"})
+            due = [plan for plan in ahead if due_stamp(plan, tick_ns) <= stamp]
+            plans = [plan for plan in due if plan.model_dump(exclude={"at"}) == alike]
             if plans:
                 ahead.remove(plans[0])
             matched.append((stamp, entry, bool(plans)))
@@ -231,10 +233,6 @@ def _with_values(scenario: Scenario, values: Changes, choice: str, parameters: s
         else:
             update[choice] = value
     return scenario.model_copy(update=update)
-
-
-def _same(plan: Intervention, entry: Intervention) -> bool:
-    return bool(plan.model_dump(exclude={"at"}) == entry.model_dump(exclude={"at"}))
 
 
 def _tick(scenario: Scenario) -> int:

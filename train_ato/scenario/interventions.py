@@ -173,7 +173,6 @@ def request_from_text(text: str) -> Request:
     ValueError
         If the text is not a request of this version.
     """
-    for request in REQUESTS:
-        if request == text:
-            return request
+    if text in REQUESTS:
+        return text
     raise ValueError(f"{REQUEST_KEY} '{text[:60]}': not written by this version; open the run with its own version")

@@ -439,16 +439,12 @@ class RunSetup:
 
     def resolved_yaml(self) -> str:
         """Return the scenario as YAML with the content of all its files; it reproduces the run."""
-        return self._resolved_text
+        return "".join(_block_yaml(key, value) for key, value in self._resolved_data.items())
 
     def fingerprint(self) -> dict[str, str]:
         """Return a hash of every top-level key of the resolved scenario; equal runs have equal hashes."""
         texts = {key: json.dumps(value, sort_keys=True) for key, value in self._resolved_data.items()}
         return {key: hashlib.sha256(text.encode()).hexdigest()[:8] for key, text in texts.items()}
-
-    @cached_property
-    def _resolved_text(self) -> str:
-        return "".join(_block_yaml(key, value) for key, value in self._resolved_data.items())
 
     def _all_values(self, law: str) -> dict[str, Any]:
         """Return every parameter of a law with a choice of gains, otherwise those that are given."""

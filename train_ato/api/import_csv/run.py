@@ -109,13 +109,11 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
     _note_shift(found, setup)
     units = setup.layout.n_units
     time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
-    front = setup.profile.position[: time.size]
+    centre = setup.profile.position[: time.size] if found.position is None else found.position.at(time)
     offsets = setup.model.offsets
     velocity = [found.unit_speed.get(unit, found.speed).at(time) for unit in range(units)]
     position = [
-        found.unit_position[unit].at(time)
-        if unit in found.unit_position
-        else _centre(found, time, front) - offsets[unit]
+        found.unit_position[unit].at(time) if unit in found.unit_position else centre - offsets[unit]
         for unit in range(units)
     ]
     applied = _of_units(found.force, time, units)
@@ -139,11 +137,6 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
         commanded=bool(found.command),
         referenced=reference is not None,
     )
-
-
-def _centre(found: Measured, time: Array, front: Array) -> Array:
-    """Return the recorded position of vehicle 0, or else that of the profile."""
-    return found.position.at(time) if found.position is not None else front
 
 
 def _of_units(samples: dict[int | None, ColumnSamples], time: Array, units: int) -> list[Array]:

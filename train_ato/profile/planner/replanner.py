@@ -148,7 +148,8 @@ class ShortfallDetector:
         if min(forces) < -tolerance or not self._grows(direction):
             return None
         constant = max(forces) - min(forces) <= tolerance
-        fractions = [force / self.envelope(direction, entry.speed) for force, entry in self._three_samples(forces)]
+        places = (0, len(forces) // 2, -1)
+        fractions = [forces[place] / self.envelope(direction, samples[place].speed) for place in places]
         follows = max(fractions) - min(fractions) <= CONSTANT_TOLERANCE * max(fractions[-1], 0.01)
         if not (constant or follows):
             return None
@@ -176,10 +177,6 @@ class ShortfallDetector:
         errors = [-direction * entry.speed_error for entry in self._samples]
         half = len(errors) // 2
         return plain_sum(errors[-half:]) > plain_sum(errors[:half])
-
-    def _three_samples(self, forces: list[float]) -> list[tuple[float, Sample]]:
-        """Return force [N] and sample at begin, middle and end of the window."""
-        return [(forces[index], self._samples[index]) for index in (0, len(forces) // 2, -1)]
 
 
 def _regression_end(values: list[float]) -> float:
@@ -317,9 +314,8 @@ class Replanner:
                 position_error=shortfall.position_error,
                 speed=sample.speed - sample.speed_error + shortfall.speed_error,
             )
-            decision = self._replanned(
-                measurement.stamp, sample, f"{_direction_name(shortfall.direction)} {shortfall.level / 1e3:.1f} kN"
-            )
+            force = "traction" if shortfall.direction > 0 else "brake"
+            decision = self._replanned(measurement.stamp, sample, f"{force} {shortfall.level / 1e3:.1f} kN")
             if decision.profile is None:
                 self.traction, self.brake, self._observed = before
             return decision
@@ -451,10 +447,6 @@ class Replanner:
             place += (speed + 0.5 * acceleration * h) * h
             speed += acceleration * h
         return TrainState(begin * 1e-9, place, speed, acceleration)
-
-
-def _direction_name(direction: int) -> str:
-    return "traction" if direction > 0 else "brake"
 
 
 def _is_finite(measurement: Measurement) -> bool:

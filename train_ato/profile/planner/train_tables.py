@@ -119,11 +119,17 @@ class TrainTables:
         self._shoes = _shoe_force(consist, reduction) if air_brake else 0.0
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
-        self._check_brakes()
+        if not self._brakes and self._shoes <= 0:
+            raise ValueError(
+                f"train '{self.name}' has neither an electric brake nor an air brake in use; give a vehicle "
+                "type a brake envelope, or shoes and a brake.policy that applies them"
+            )
         self.highest_speed = self._default_speed_max()
         self.speed_max = min(self.highest_speed if speed_max is None else speed_max, MAX_TABLE_SPEED)
         self.speed: Array = SPEED_STEP * np.arange(int(np.ceil(self.speed_max / SPEED_STEP)) + 3, dtype=np.float64)
-        self.traction, self.electric, air = self._forces_on_grid()
+        traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
+        pairs = [tuple(self._tabulated(list(pair))) for pair in self._brakes]
+        self.traction, self.electric, air = self._with_friction(traction, pairs, self.speed)
         self.brake = self.electric + air
         self.resistance = self.resistance_at(self.speed)
 
@@ -134,13 +140,6 @@ class TrainTables:
             for units in (self._traction, [whole for whole, _ in self._brakes])
         ]
         return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], MAX_TABLE_SPEED)
-
-    def _check_brakes(self) -> None:
-        if not self._brakes and self._shoes <= 0:
-            raise ValueError(
-                f"train '{self.name}' has neither an electric brake nor an air brake in use; give a vehicle "
-                "type a brake envelope, or shoes and a brake.policy that applies them"
-            )
 
     def resistance_at(self, speed: Array) -> Array:
         """Return the running resistance [N] at speeds >= 0."""
@@ -159,11 +158,6 @@ class TrainTables:
 
     def _tabulated(self, envelopes: list[Envelope]) -> list[Array]:
         return [envelope_table(envelope, self.speed, self.speed_max) for envelope in envelopes]
-
-    def _forces_on_grid(self) -> tuple[Array, Array, Array]:
-        traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
-        pairs = [tuple(self._tabulated(list(pair))) for pair in self._brakes]
-        return self._with_friction(traction, pairs, self.speed)
 
     def _with_friction(
         self, traction: Array, pairs: list[tuple[Array, ...]], speed: Array

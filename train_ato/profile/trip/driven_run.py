@@ -176,7 +176,7 @@ def follow_journey(
             raise ValueError(
                 f"the train stops at km {position / 1e3:.2f}: the grade is too steep; permit more traction"
             )
-        reduction = reduction_at(position, applications)
+        reduction = next((a.reduction for a in applications if a.apply <= position < a.release), 0.0)
         force = follower.force(position, velocity, force, braked=reduction > 0.0 or rows[-1][3] > released)
         forces = [force * part for part in share]
         if shares:
@@ -186,14 +186,6 @@ def follow_journey(
     return TripRun(
         PERIOD, places, speeds, drives, shoe_forces, means, np.array(couplers), np.array(units), train.totals
     )
-
-
-def reduction_at(position: float, applications: tuple[Application, ...]) -> float:
-    """Return the planned reduction of the brake pipe at a position of vehicle 0's centre [Pa]."""
-    for application in applications:
-        if application.apply <= position < application.release:
-            return application.reduction
-    return 0.0
 
 
 SPACING = 200.0

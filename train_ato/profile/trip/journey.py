@@ -136,6 +136,7 @@ class JourneySearch:
 
     def _forward(self, value: Array, tables: Tables) -> Journey:
         train = self._train
+        braked = list(zip(self._ranges, train.responses, strict=True))
         speed, state, supply, time = 0.0, 0.0, 1.0, 0.0
         rows: list[tuple[float, float, float, float]] = []
         changes: list[tuple[float, float, float]] = []
@@ -146,7 +147,8 @@ class JourneySearch:
                     f"no journey beyond km {train.place(k) / 1e3:.2f}: traction or brakes are too weak there; permit "
                     "more of them, or a lower minimum release speed"
                 )
-            reduction = self._reduction_of(state)
+            applied = (entry.reduction for row, entry in braked if row.applied_first <= state <= row.applied_last)
+            reduction = next(applied, 0.0)
             if reduction != (changes[-1][1] if changes else 0.0):
                 changes.append((train.place(k), reduction, supply))
             shoe = supply * float(np.interp(state, np.arange(self._shoes.shape[1]), self._shoes[s.SHOE_FORCE]))
@@ -178,13 +180,6 @@ class JourneySearch:
             cost, force, after = s.best_force(speed, k, choice, supply, value, FINE_LEVELS, *tables)
             found.append((choice, cost + price, force, after))
         return min(found, key=lambda row: row[1])
-
-    def _reduction_of(self, state: float) -> float:
-        """Return the reduction of the brake pipe in a brake state [Pa]."""
-        for row, response in zip(self._ranges, self._train.responses, strict=True):
-            if row.applied_first <= state <= row.applied_last:
-                return response.reduction
-        return 0.0
 
 
 def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, list[s.BrakeRange]]:
@@ -224,7 +219,5 @@ def _supplies(train: ReducedTrain, shoes: Array, ranges: list[s.BrakeRange]) -> 
 
 def _applications(changes: list[tuple[float, float, float]]) -> tuple[Application, ...]:
     """Return the applications of changes of the reduction: place [m], reduction [Pa], supply."""
-    found = []
-    for (begin, reduction, supply), (end, _, _) in zip(changes[::2], changes[1::2], strict=True):
-        found.append(Application(begin, end, reduction, supply))
-    return tuple(found)
+    pairs = zip(changes[::2], changes[1::2], strict=True)
+    return tuple(Application(begin, end, reduction, supply) for (begin, reduction, supply), (end, _, _) in pairs)

@@ -370,7 +370,8 @@ def reduced_train(
     inside = cell * (np.arange(8) + 0.5) / 8
     places = (begin + cell * np.arange(cells))[:, None] + inside
     line_force = model.line_forces(places.ravel()).reshape(places.shape).mean(axis=1)
-    limits = SpeedLimits(model.line, _top_speed(model))
+    driven = [float(envelope.rows[-1, 0]) for envelope in model.traction if len(envelope.rows)]  # last speeds
+    limits = SpeedLimits(model.line, min([UNLIMITED, *driven]))
     edges: Array = begin + cell * np.arange(cells + 1, dtype=np.float64)
     at_ends = limits.at(edges + consist.vehicles[0].length / 2, consist.length) - settings.speed_margin
     limit = np.minimum(np.minimum(at_ends, np.append(at_ends[1:], np.inf)), np.append(np.inf, at_ends[:-1]))
@@ -393,9 +394,3 @@ def reduced_train(
         begin, cell, line_force, limit, speed, running, drives, section, model.inertia, responses, couplers,
         reservoirs_of(consist),
     )  # fmt: skip
-
-
-def _top_speed(model: TrainModel) -> float:
-    """Return the last speed with traction of a unit [m/s], at most :data:`UNLIMITED`."""
-    ends = [float(rows.rows[-1, 0]) for rows in model.traction if len(rows.rows)]
-    return min([UNLIMITED, *ends])

@@ -44,7 +44,11 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
     ValueError
         For a start parameter with an unknown name, a wrong type or out of range; one line with the remedy.
     """
-    _refuse_unknown(node, [parameter.name for parameter in parameters])
+    names = [parameter.name for parameter in parameters]
+    for given in node._parameter_overrides:
+        known = given in names or given in _CLOCK or _of_another_node(given)
+        if not known and not given.startswith("qos_overrides."):
+            raise ValueError(unknown_parameter(node.get_name(), given, names))
     _make_doubles(node, parameters)
     values = {}
     for parameter in parameters:
@@ -80,13 +84,6 @@ def _of_another_node(name: str) -> bool:
         block in registry.names() and key in {entry.name for entry in registry.parameters(block)}
         for registry in (LAWS, OBSERVERS)
     )
-
-
-def _refuse_unknown(node: Node, names: list[str]) -> None:
-    for given in node._parameter_overrides:
-        known = given in names or given in _CLOCK or _of_another_node(given)
-        if not known and not given.startswith("qos_overrides."):
-            raise ValueError(unknown_parameter(node.get_name(), given, names))
 
 
 def _wanted(parameter: Declared) -> str:
