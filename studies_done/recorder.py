@@ -46,6 +46,7 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.compression import COMPRESSIONS, DEFAULT
 from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.run_folder import RunFolder
+from train_ato.log.compression import DEFAULT
 from train_ato.log.log_writer import LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.setup import RunSetup, prepare
@@ -74,6 +75,7 @@ class Graph:
 
     def __init__(self, setup: RunSetup, folder: Path, compression: str | None, stack: ExitStack) -> None:
         from train_ato.ros.graph.assembly import executor_of, make_node
+        from train_ato.ros.graph.graph_result import GraphOptions
         from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
 
         folder.mkdir(parents=True)
@@ -84,9 +86,11 @@ class Graph:
         context, self._executor = stack.enter_context(executor_of(domain))
         wire = Wire(setup.layout)
         self._all_endpoints = {role: NodeEndpoints(role, wire, context, self._watch, roles) for role in roles}
-        options: dict[str, Any] = {"lockstep": True, "timeout": 60.0, "recorded": recorded}
-        options |= {"compression": compression} if recorded else {}
-        self._nodes = {role: make_node(role, setup, self._all_endpoints[role], folder, **options) for role in roles}
+        options = GraphOptions(timeout=60.0, compression=compression or DEFAULT)
+        self._nodes = {
+            role: make_node(role, setup, self._all_endpoints[role], folder, options, recorded=recorded)
+            for role in roles
+        }
         for role, endpoints in self._all_endpoints.items():
             if role is not Role.RECORDER:
                 self._executor.add_node(endpoints.node)

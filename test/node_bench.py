@@ -7,6 +7,7 @@ from waiting import LOOK_S, wait_for
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import BY_NAME
 from train_ato.ros.graph.assembly import executor_of, make_node
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, message_class, quality_of_service
 
 
@@ -19,10 +20,8 @@ class Bench:
         self.wire = Wire(setup.layout)
         self.endpoints = NodeEndpoints(role, self.wire, self.context, self.watch, ROLES[:-1], arguments)
         rate = options.get("rate") or 0.0
-        self.node = make_node(
-            role, setup, self.endpoints, None, lockstep=not rate, timeout=10.0, rate=rate,
-            recorded=options.get("recorded", False),
-        )  # fmt: skip
+        graph = GraphOptions(lockstep=not rate, timeout=10.0, rate=rate)
+        self.node = make_node(role, setup, self.endpoints, None, graph, recorded=options.get("recorded", False))
         self.other = Node("other", context=self.context, enable_rosout=False, start_parameter_services=False)
         self.executor.add_node(self.endpoints.node)
         self.executor.add_node(self.other)

@@ -17,6 +17,7 @@ from waiting import LOOK_S, wait_for
 
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.endpoints import FirstFailure, NodeEndpoints
 
 
@@ -170,7 +171,7 @@ def test_the_recorder_says_a_topic_whose_name_in_the_log_is_another_one(make, se
     arguments = ["--ros-args", "-r", "ato/command:=mine", "-r", "ato/state:=/a/ato/state"]
     recorder = NodeEndpoints(Role.RECORDER, bench.wire, bench.context, FirstFailure(), arguments=arguments)
     recorder.on_note = said.append
-    make_node(Role.RECORDER, setup, recorder, tmp_path, lockstep=True, timeout=10.0).log.close()
+    make_node(Role.RECORDER, setup, recorder, tmp_path, GraphOptions()).log.close()
     assert said == ["ato/command is /mine in this graph; the log has it as /ato/command"]
 
 

@@ -50,6 +50,7 @@ def _sections() -> list[str]:
             from train_ato.messages.codec import Wire
             from train_ato.program.errors import FirstFailure
             from train_ato.ros.graph.assembly import executor_of, make_node
+            from train_ato.ros.graph.graph_result import GraphOptions
             from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
             from train_ato.ros.standalone.discovery import answer_ready
 
@@ -59,7 +60,7 @@ def _sections() -> list[str]:
                 for role in ROLES:
                     endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
                     executor.add_node(endpoints.node)
-                    node = make_node(role, setup, endpoints, folder, lockstep=True, timeout=10.0)
+                    node = make_node(role, setup, endpoints, folder, GraphOptions())
                     if role not in (Role.PLANT, Role.RECORDER):
                         answer_ready(endpoints, setup.fingerprint())
                     lines += _section(role, endpoints.node)

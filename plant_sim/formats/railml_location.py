@@ -21,6 +21,10 @@ from plant_sim.units import number_text
 APPLIES = ("both", "normal", "reverse")
 BEGINS, ENDS, POSITIONS = ("posBegin", "fromPos"), ("posEnd", "toPos"), ("pos",)
 """Attributes of positions [m], of version 3.2 on and of version 3.1."""
+AT_BEGIN = BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin"
+AT_END = ENDS, "intrinsicCoordEnd", "linearCoordinateEnd"
+AT_SPOT = POSITIONS, "intrinsicCoord", "linearCoordinate"
+"""Position, intrinsic coordinate and linear coordinate of the begin and the end of a stretch, and of a spot."""
 
 
 class Location:
@@ -54,9 +58,9 @@ class Location:
             if element is None:
                 found += self._measured(spot)
             elif element.parts:
-                pieces = self._on_collection(owner, spot, element, (POSITIONS, "intrinsicCoord", "linearCoordinate"))
+                pieces = self._on_collection(owner, spot, element, AT_SPOT)
                 found += [(piece.element, piece.begin) for piece in pieces]
-            elif (position := self._at(spot, element, POSITIONS, "intrinsicCoord", "linearCoordinate")) is not None:
+            elif (position := self._at(spot, element, *AT_SPOT)) is not None:
                 found.append((element.name, position))
         return found
 
@@ -109,13 +113,8 @@ class Location:
     def _pieces(self, owner: Entry, part: Entry, element: NetElement, *, rising: bool) -> list[Stretch]:
         """Return the stretches of the micro level of a location on a net element; ``rising`` refuses a turned one."""
         if element.parts:
-            ends = (
-                (BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin"),
-                (ENDS, "intrinsicCoordEnd", "linearCoordinateEnd"),
-            )
-            return self._on_collection(owner, part, element, *ends)
-        begin = self._at(part, element, BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin")
-        end = self._at(part, element, ENDS, "intrinsicCoordEnd", "linearCoordinateEnd")
+            return self._on_collection(owner, part, element, AT_BEGIN, AT_END)
+        begin, end = (self._at(part, element, *keys) for keys in (AT_BEGIN, AT_END))
         first, last = 0.0 if begin is None else begin, element.length if end is None else end
         if rising and last < first:
             raise ValueError(

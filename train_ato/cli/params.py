@@ -52,13 +52,14 @@ def node_parameters(setup: RunSetup) -> dict[str, dict[str, Any]]:
         from train_ato.messages.topics import Role
         from train_ato.program.errors import FirstFailure
         from train_ato.ros.graph.assembly import executor_of, make_node
+        from train_ato.ros.graph.graph_result import GraphOptions
         from train_ato.ros.nodes.endpoints import NodeEndpoints
 
         found: dict[str, dict[str, Any]] = {}
         with executor_of(domain) as (context, _):
             for role in (Role.PLANT, Role.OBSERVER, Role.CONTROLLER):
                 endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
-                make_node(role, setup, endpoints, None, lockstep=True, timeout=10.0)
+                make_node(role, setup, endpoints, None, GraphOptions())
                 values = {name: entry.value for name, entry in endpoints.node.get_parameters_by_prefix("").items()}
                 blocks = ("", setup.controller if role is Role.CONTROLLER else setup.observer)
                 found[role.value] = {

@@ -22,13 +22,13 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from plant_sim.train import compile_kernel
-from train_ato.log.compression import DEFAULT
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
 from train_ato.program.errors import FirstFailure, of_own_code
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints, placed
 from train_ato.ros.nodes.plant import PlantNode
@@ -133,15 +133,11 @@ def make_node(
     setup: RunSetup,
     endpoints: NodeEndpoints,
     folder: Path | None,
+    options: GraphOptions,
     *,
-    lockstep: bool,
-    timeout: float,
     recorded: bool = True,
-    rate: float = 0.0,
-    compression: str = DEFAULT,
-    followed: bool = False,
 ) -> Any:
-    """Return the node of a role.
+    """Return the node of a role; ``recorded`` limits the lead of the plant over the recorder.
 
     Raises
     ------
@@ -152,16 +148,8 @@ def make_node(
     if role is Role.PLANT:
         compile_kernel()
         scenario = (folder or setup.folder) / "scenario.yaml"
-        return PlantNode(
-            PlantStage(setup),
-            endpoints,
-            lockstep=lockstep,
-            timeout=timeout,
-            recorded=recorded,
-            rate=rate,
-            scenario=str(scenario.resolve()) if scenario.is_file() else "",
-            followed=followed,
-        )
+        file = str(scenario.resolve()) if scenario.is_file() else ""
+        return PlantNode(PlantStage(setup), endpoints, options, recorded=recorded, scenario=file)
     if role is Role.SUPERVISOR:
         return SupervisorNode(SupervisorStage(setup), endpoints)
     if role is Role.PROFILE:
@@ -172,7 +160,7 @@ def make_node(
         return ControllerNode(ControllerStage(setup), endpoints)
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
-    return _make_recorder(setup, endpoints, folder, compression)
+    return _make_recorder(setup, endpoints, folder, options.compression)
 
 
 def _make_recorder(setup: RunSetup, endpoints: NodeEndpoints, folder: Path, compression: str) -> RecorderNode:

@@ -3,6 +3,7 @@
 import gc
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -63,20 +64,7 @@ def run_composed(
             for role in roles_of(setup.layout)
             if role is not external and role not in apart
         }
-        nodes = {
-            role: make_node(
-                role,
-                setup,
-                all_endpoints[role],
-                folder,
-                lockstep=options.lockstep,
-                timeout=options.patience,
-                rate=options.rate,
-                compression=options.compression,
-                followed=options.followed,
-            )
-            for role in all_endpoints
-        }
+        nodes = {role: make_node(role, setup, own, folder, options) for role, own in all_endpoints.items()}
         if Role.OBSERVER in nodes and Role.CONTROLLER in nodes:
             nodes[Role.OBSERVER].stage.on_fault = nodes[Role.CONTROLLER].stage.fail
         elif Role.OBSERVER in nodes:  # an external controller reads no order to brake
@@ -85,7 +73,6 @@ def run_composed(
             nodes[external] = OutsidePlant(setup, nodes[Role.RECORDER], options.patience)
         else:
             nodes[Role.PLANT].outside = "" if external is None else external.value
-            nodes[Role.PLANT].resets = options.resets
         for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)
@@ -98,28 +85,21 @@ def run_composed(
             all_endpoints[Role.RECORDER].destroy()
 
 
+@dataclass
 class _Composed:
     """One run: discovery, control loop, last messages, closed log."""
 
-    def __init__(
-        self,
-        executor: Any,
-        all_endpoints: dict[Role, NodeEndpoints],
-        nodes: dict[Role, Any],
-        watch: FirstFailure,
-        interrupt: Interrupt,
-        options: GraphOptions,
-        apart: Mapping[Role, NodeProcess],
-    ) -> None:
-        self._apart = apart
-        self._executor = executor
-        self._all_endpoints = all_endpoints
-        self._nodes = nodes
-        self._watch = watch
-        self._interrupt = interrupt
-        self._options = options
-        self._left = False
-        self._plant = nodes[Role.PLANT]
+    _executor: Any
+    _all_endpoints: dict[Role, NodeEndpoints]
+    _nodes: dict[Role, Any]
+    _watch: FirstFailure
+    _interrupt: Interrupt
+    _options: GraphOptions
+    _apart: Mapping[Role, NodeProcess]
+    _left: bool = False
+
+    def __post_init__(self) -> None:
+        self._plant = self._nodes[Role.PLANT]
 
     def run(self, report: Report | None) -> GraphResult:
         end = GraphResult()

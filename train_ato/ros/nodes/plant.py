@@ -19,6 +19,7 @@ from train_ato.loop.rate_limit import SteadyRateLimit
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, REPORT, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick, TrainAhead
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.answer_watch import AnswerWatch, TickLateness, awaited_node, departure, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
@@ -103,18 +104,12 @@ class PlantNode:
     ----------
     stage, endpoints
         Stage of the loop and endpoints of the node.
-    lockstep
-        True: every tick waits for its command.
-    timeout
-        Wall time after which a missing answer is a failure [s]; a ROS parameter of the node.
+    options
+        Options of the run; lockstep, time-out and rate are start values of ROS parameters of the node.
     recorded
         True: limit the lead over the recorder to :data:`LEAD`.
-    rate
-        Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     scenario
         File of the resolved scenario, for tools; "" without one.
-    followed
-        True: do not begin before a train behind reads the reports.
 
     Attributes
     ----------
@@ -143,23 +138,14 @@ class PlantNode:
     """
 
     def __init__(
-        self,
-        stage: PlantStage,
-        endpoints: NodeEndpoints,
-        *,
-        lockstep: bool = True,
-        timeout: float = 10.0,
-        recorded: bool = True,
-        rate: float = 0.0,
-        scenario: str = "",
-        followed: bool = False,
+        self, stage: PlantStage, endpoints: NodeEndpoints, options: GraphOptions, *, recorded: bool, scenario: str
     ) -> None:
         self.stage = stage
         self.endpoints = endpoints
         self.finished = False
         self.late = self.held = 0
         self.outside = ""
-        self.resets = False
+        self.resets = options.resets
         self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
         self.blocked = self.recorder_connected = False
@@ -176,9 +162,7 @@ class PlantNode:
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_rate: float | None = None
-        self._requests = PlantRequests(
-            self, endpoints, lockstep=lockstep, timeout=timeout, rate=rate, scenario=scenario
-        )
+        self._requests = PlantRequests(self, endpoints, options, scenario)
         given = self._requests.given
         self._period = None if given["lockstep"] else stage.setup.tick_ns / given["rate"]
         self._rate = SteadyRateLimit(stage.setup.tick, 0.0 if self._period is not None else given["rate"])
@@ -197,7 +181,7 @@ class PlantNode:
         ahead, unread = self.ahead, "a train behind that reads train/report"
         endpoints.lacking = lambda: [
             *([] if ahead is None else ahead.lacking()),
-            *([unread] if followed and not endpoints.readers(REPORT) else []),
+            *([unread] if options.followed and not endpoints.readers(REPORT) else []),
         ]
 
     @property

@@ -18,6 +18,7 @@ from train_ato.judge.run_end import RESET
 from train_ato.loop.plant import PlantStage
 from train_ato.messages.delay_lines import MAX_DELAY
 from train_ato.messages.faults import MAX_FAULT_TIME
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import OF_NODES, Declared, declare
 from train_ato.ros.nodes.simulation_services import serve_simulation
@@ -127,9 +128,7 @@ class PlantRequests:
         If a start parameter is unknown or out of range.
     """
 
-    def __init__(
-        self, plant: Plant, endpoints: NodeEndpoints, *, lockstep: bool, timeout: float, rate: float, scenario: str
-    ) -> None:
+    def __init__(self, plant: Plant, endpoints: NodeEndpoints, options: GraphOptions, scenario: str) -> None:
         self._plant = plant
         self._endpoints = endpoints
         self._node = endpoints.node
@@ -137,9 +136,9 @@ class PlantRequests:
         self.given = declare(
             self._node,
             [
-                Declared("timeout", timeout, TIMEOUT),
-                Declared("lockstep", lockstep, LOCKSTEP, read_only=True),
-                Declared("rate", rate, RATE),
+                Declared("timeout", options.patience, TIMEOUT),
+                Declared("lockstep", options.lockstep, LOCKSTEP, read_only=True),
+                Declared("rate", options.rate, RATE),
                 Declared("paused", False, PAUSED),
                 Declared("scenario", scenario, SCENARIO, read_only=True),
                 *(Declared(entry.name, entry.default, entry) for entry in STRENGTHS),
@@ -220,12 +219,10 @@ class PlantRequests:
 
     def _made(self, kind: type[Any], service: str, **values: Any) -> Intervention:
         """Return an intervention of a kind with the strengths of its service."""
-        intervention: Intervention = make_intervention(kind, **values, **self._strengths(service))
+        names = [entry.name for entry in STRENGTHS if entry.name.startswith(f"{service}.")]
+        values |= {name.partition(".")[2]: self._node.get_parameter(name).value for name in names}
+        intervention: Intervention = make_intervention(kind, **values)
         return intervention
-
-    def _strengths(self, prefix: str) -> dict[str, Any]:
-        names = [entry.name for entry in STRENGTHS if entry.name.startswith(f"{prefix}.")]
-        return {name.partition(".")[2]: self._node.get_parameter(name).value for name in names}
 
     def _intervene(self, intervention: Intervention) -> str:
         if self._plant.finished:

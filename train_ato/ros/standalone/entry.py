@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.log.compression import DEFAULT, add_compression
+from train_ato.log.compression import add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import EXTERNAL, Role
 from train_ato.program.arguments import (
@@ -32,7 +32,7 @@ from train_ato.program.arguments import (
 from train_ato.program.interrupt import Interrupt, no_silent_exit
 from train_ato.ros import missing_ros, require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
-from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
+from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
     Completed = Callable[[RunSetup, RunResult, Path], None]
 
+OF_GRAPH = ("lockstep", "timeout", "compression", "followed", "resets")
+"""Options of a node that are those of the graph as they are."""
 LEAVING_S = 10.0
 """Maximum wall time from the end of a node's work to the end of its process [s]."""
 
@@ -181,11 +183,8 @@ def _run(
     setup = prepare(*load_scenario(options.scenario, tuple(options.set)))
     if role is Role.SUPERVISOR and not setup.layout.supervised:
         raise ValueError(f"{options.scenario}: the run has no supervision; set supervision.enabled: true")
-    lockstep = getattr(options, "lockstep", True)
+    given = {key: value for key, value in vars(options).items() if key in OF_GRAPH}
     rate = (rate_of(options) if role is Role.PLANT else None) or 0.0
-    timeout = getattr(options, "timeout", None)
-    if timeout is None:
-        timeout = LOCKSTEP_TIMEOUT_S if lockstep else FREE_TIMEOUT_S
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
         try:
@@ -208,13 +207,7 @@ def _run(
             _check_parameters(options, endpoints)
         if role is not Role.RECORDER:
             executor.add_node(endpoints.node)
-        compression = getattr(options, "compression", DEFAULT)
-        node = make_node(
-            role, setup, endpoints, folder, lockstep=lockstep, timeout=timeout, recorded=False, rate=rate,
-            compression=compression, followed=getattr(options, "followed", False),
-        )  # fmt: skip
-        if role is Role.PLANT:
-            node.resets = options.resets
+        node = make_node(role, setup, endpoints, folder, GraphOptions(**given, rate=rate), recorded=False)
         _plan_end(role, setup, endpoints, joined)
         turner = StandaloneRunner(
             role, node, endpoints, executor, stopped=stopped, fingerprint=setup.fingerprint(),
