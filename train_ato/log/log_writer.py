@@ -6,7 +6,7 @@ killed process leaves the partial file, for ``recover``.
 
 import fcntl
 import io
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -26,14 +26,13 @@ from train_ato.log.bag_layout import (
     qos_profiles,
     qos_text,
 )
-from train_ato.log.chunk_thread import ChunkThread, Entry
+from train_ato.log.chunk_thread import ChunkThread
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
-from train_ato.log.mcap_writer import McapWriter, TickRecords
+from train_ato.log.mcap_writer import McapWriter
 from train_ato.log.reading import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
-from train_ato.messages.codec import Wire
-from train_ato.messages.topics import EPOCH_NS, TOPICS, TickBlock, Topic
+from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 from train_ato.program.errors import refused_unwritten
 
 CHUNK = 512 * 1024
@@ -41,7 +40,7 @@ CHUNK = 512 * 1024
 YAML = "application/yaml"
 
 
-class LogFile:
+class LogFile(ChunkThread):
     """An MCAP file under construction, in the layout of ``ros2 bag``.
 
     The file is locked while it is open; the lock distinguishes it from the file of a killed run.
@@ -87,23 +86,18 @@ class LogFile:
             if taken.exists():
                 raise ValueError(f"{taken}: exists already; name another output folder")
         with refused_unwritten(self._partial, "name a writable folder"):
-            self._raw = self._partial.open("xb", buffering=0)
+            raw = self._partial.open("xb", buffering=0)
         with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._stream = io.BufferedWriter(self._raw, 1 << 16)
+            fcntl.flock(raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._stream = io.BufferedWriter(raw, 1 << 16)
+        writer = McapWriter(self._stream, "ros2", "train_ato", compression)
+        super().__init__(writer, raw, str(self._partial), chunk_size, remedy)
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: list[tuple[str, str, str, str, str]] = []
         self.closed = False
-        self._writer = McapWriter(self._stream, "ros2", "train_ato", compression)
-        self._chunks = ChunkThread(self._writer, self._raw, str(self._partial), chunk_size, remedy)
         with refused_unwritten(self._partial, "make room there, or name another folder", left=self._partial):
             self._begin(attachments or {})
-        self._chunks.start()
-
-    @property
-    def failure(self) -> str | None:
-        """Reason of a failed write, or None; nothing is written after it."""
-        return self._chunks.failure
+        self.start()
 
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
         self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
@@ -130,7 +124,7 @@ class LogFile:
         return self._declare(channel.topic, channel.message_encoding, schema, metadata)
 
     def _declare(self, name: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
-        with self._chunks.lock:
+        with self.lock:
             key = (schema.name, schema.encoding, schema.data)
             if schema.id and key not in self._schemas:
                 self._schemas[key] = self._writer.schema(*key)
@@ -147,15 +141,7 @@ class LogFile:
         OSError
             If the disk is full or gone; nothing is written after it.
         """
-        self._chunks.extend(((channel, publish_ns, log_ns, data),))
-
-    def extend(self, entries: Iterable[Entry]) -> None:
-        """Add messages as :meth:`write`."""
-        self._chunks.extend(entries)
-
-    def flush(self) -> None:
-        """Write the open chunk to the file."""
-        self._chunks.flush()
+        self.extend(((channel, publish_ns, log_ns, data),))
 
     def close(self) -> None:
         """Finish and rename the file and write ``metadata.yaml``; after a failed write only close it.
@@ -168,9 +154,9 @@ class LogFile:
         if self.closed:
             return
         self.closed = True
-        self._chunks.stop()
+        self.stop()
         if self.failure is None:
-            self._chunks.guard(self._finish)
+            self.guard(self._finish)
 
     def _finish(self) -> None:
         pairs = zip(self._channels, self._writer.counts, strict=True)
@@ -232,7 +218,7 @@ class RunLog(LogFile):
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages per topic."""
-        with self._chunks.lock:
+        with self.lock:
             return dict(zip(self.numbers, self._writer.counts, strict=True))
 
     def add(self, topic: str, publish_ns: int, log_ns: int, data: bytes) -> None:
@@ -244,10 +230,6 @@ class RunLog(LogFile):
             If the disk is full or gone.
         """
         self.write(self.numbers[topic], publish_ns, log_ns, data)
-
-    def extend_ticks(self, block: TickBlock, wire: Wire) -> None:
-        """Record the messages of a block of ticks, with publish time = log time = stamp."""
-        self._chunks.extend_ticks(TickRecords(block, wire, self.numbers))
 
     def close(self) -> None:
         """Finish the log and rename it to ``run.mcap``."""

@@ -19,6 +19,7 @@ from train_ato.judge.result import RunResult
 from train_ato.log.bag_layout import LOG, PARTIAL, not_a_run
 from train_ato.log.compression import DEFAULT
 from train_ato.log.log_writer import RunLog
+from train_ato.log.mcap_writer import TickRecords
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.log.whole_file import write_whole
@@ -263,7 +264,7 @@ class Encoder:
 
     def add_ticks(self, block: TickBlock) -> None:
         """Encode and record the messages of a block of ticks."""
-        self._log.extend_ticks(block, self._wire)
+        self._log.extend_ticks(TickRecords(block, self._wire, self._log.numbers))
 
 
 def next_beside(out: Path) -> Path:
