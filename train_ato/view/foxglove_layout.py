@@ -7,6 +7,8 @@ therefore has the units of the messages (SI).
 import json
 import math
 from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
 from typing import Any
 
 from plant_sim.units import KMH
@@ -48,8 +50,8 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = Fa
         groups["speed"] = _split("row", gauge, plot, 24)
     states = [curve for key in ("ato", "protection") if key in panels for curve in panels[key].curves]
     if states:
-        config = {"isSynced": True, "paths": [_transition(curve) for curve in states]}
-        groups["states"] = _add(configured, "StateTransitions!protection", _titled("ATO and train protection", config))
+        config = _filled("transitions", paths=[_transition(curve) for curve in states])
+        groups["states"] = _add(configured, "StateTransitions!protection", config)
     if DIAGNOSTICS in log.names:
         groups["nodes"] = _nodes(configured, log)
     if log.scene or scene:
@@ -57,13 +59,7 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = Fa
     columns = [_column([groups[key] for key in side if key in groups]) for side in (LEFT, RIGHT)]
     there = [column for column in columns if column is not None]
     layout = _split("row", there[0], there[1], 62) if len(there) == 2 else there[0]
-    content = {
-        "configById": configured,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": layout,
-    }
+    content = _filled("layout", configById=configured, layout=layout)
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -78,8 +74,16 @@ def _add(configured: dict[str, dict[str, Any]], name: str, config: dict[str, Any
     return name
 
 
-def _titled(title: str, config: dict[str, Any]) -> dict[str, Any]:
-    return {"foxglovePanelTitle": title, **config}
+@cache
+def _parts() -> dict[str, dict[str, Any]]:
+    """Return the fixed configuration of each part of a layout; null where a value of the run comes."""
+    parts: dict[str, dict[str, Any]] = json.loads((files("train_ato") / "view/page.foxglove.json").read_text("utf-8"))
+    return parts
+
+
+def _filled(part: str, **values: Any) -> dict[str, Any]:
+    """Return a part of a layout with its values of the run."""
+    return {**_parts()[part], **values}
 
 
 def _plot(panel: LayoutPanel, *, studio_1: bool) -> dict[str, Any]:
@@ -89,96 +93,41 @@ def _plot(panel: LayoutPanel, *, studio_1: bool) -> dict[str, Any]:
         path = message_path(curve.signal, factor)
         if panel.along:
             path = message_path(curve.signal) + "[:]" + ("" if factor == 1.0 else f".@mul({factor:g})")
-        paths.append(
-            {
-                "value": path,
-                "enabled": True,
-                "label": curve.label,
-                "color": curve.color,
-                "timestampMethod": "receiveTime" if panel.along else "headerStamp",
-                "showLine": True,
-                "lineSize": 1.5,
-            }
-        )
-    config = {
-        "paths": paths,
-        "xAxisVal": "index" if panel.along else "timestamp",
-        "yAxisLabel": unit,
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": True,
-        "showXAxisLabels": True,
-        "showYAxisLabels": True,
-        "isSynced": not panel.along,
-        "sidebarDimension": 240,
-    }
-    more = {"xAxisLabel": "vehicle, 0 in front"} if panel.along else {"timeWindowMode": "automatic"}
-    return _titled(f"{panel.title} in {unit}", {**config, **more})
+        stamp = "receiveTime" if panel.along else "headerStamp"
+        paths.append(_filled("curve", value=path, label=curve.label, color=curve.color, timestampMethod=stamp))
+    plot = _filled("plot", foxglovePanelTitle=f"{panel.title} in {unit}", paths=paths, yAxisLabel=unit)
+    if not panel.along:
+        return {**plot, "timeWindowMode": "automatic"}
+    return {**plot, "xAxisVal": "index", "isSynced": False, "xAxisLabel": "vehicle, 0 in front"}
 
 
 def _transition(curve: LayoutCurve) -> dict[str, Any]:
-    return {
-        "value": message_path(curve.signal),
-        "enabled": True,
-        "label": curve.label,
-        "timestampMethod": "headerStamp",
-    }
+    return _filled("transition", value=message_path(curve.signal), label=curve.label)
 
 
 def _gauge(panel: LayoutPanel, log: LogSignals, *, studio_1: bool) -> dict[str, Any]:
     """Return a gauge of the train's speed to a multiple of ten above the top speed of the run."""
     factor, unit = (1.0, "m/s") if studio_1 else (KMH, "km/h")
-    config = {
-        "path": message_path(panel.curves[-1].signal, factor),
-        "minValue": 0,
-        "maxValue": 10 * math.ceil((log.top_speed * factor + GAUGE_MARGIN) / 10),
-        "colorMode": "colormap",
-        "colorMap": "turbo",
-        "gradient": ["#0072b2", "#d55e00"],
-        "reverse": False,
-    }
-    return _titled(f"speed in {unit}", config)
+    path = message_path(panel.curves[-1].signal, factor)
+    top = 10 * math.ceil((log.top_speed * factor + GAUGE_MARGIN) / 10)
+    return _filled("gauge", foxglovePanelTitle=f"speed in {unit}", path=path, maxValue=top)
 
 
 def _scene() -> dict[str, Any]:
     """Return a 3D panel that follows the head of the train."""
-    config = {
-        "cameraState": {
-            "perspective": True,
-            "distance": 250.0,
-            "phi": 55.0,
-            "thetaOffset": 60.0,
-            "target": [0, 0, 0],
-            "targetOffset": [-60, 0, 0],
-            "targetOrientation": [0, 0, 0, 1],
-            "fovy": 45,
-            "near": 0.5,
-            "far": 50000,
-        },
-        "followMode": "follow-pose",
-        "followTf": BASE,
-        "scene": {},
-        "transforms": {},
-        "topics": {MARKERS.name: {"visible": True}, TRACK.name: {"visible": True}, POSES.name: {"visible": False}},
-        "layers": {},
-    }
-    return _titled("train on the line, red draft, blue buff", config)
+    topics = {MARKERS.name: {"visible": True}, TRACK.name: {"visible": True}, POSES.name: {"visible": False}}
+    return _filled("scene", followTf=BASE, topics=topics)
 
 
 def _nodes(configured: dict[str, dict[str, Any]], log: LogSignals) -> Node:
     topic = log.names[DIAGNOSTICS]
-    summary = {"minLevel": 0, "pinnedIds": [], "hardwareIdFilter": "", "topicToRender": topic, "sortByLevel": True}
-    parts: list[Node] = [_add(configured, "DiagnosticSummary!nodes", _titled("nodes", summary))]
+    parts: list[Node] = [_add(configured, "DiagnosticSummary!nodes", _filled("summary", topicToRender=topic))]
     for node in STATUS_OF:
         if node in log.statuses:
             hardware, name = log.statuses[node]
-            config = {
-                "topicToRender": topic,
-                "selectedHardwareId": hardware,
-                "selectedName": name,
-                "collapsedSections": [],
-            }
-            parts.append(_add(configured, f"DiagnosticStatusPanel!{node}", _titled(node, config)))
+            chosen = {"topicToRender": topic, "selectedHardwareId": hardware, "selectedName": name}
+            config = _filled("status", foxglovePanelTitle=node, **chosen)
+            parts.append(_add(configured, f"DiagnosticStatusPanel!{node}", config))
     if len(parts) == 1:
         return parts[0]
     return _split("row", parts[0], _column(parts[1:]) or parts[1], 45)
