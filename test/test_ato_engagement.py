@@ -22,6 +22,7 @@ from train_ato.judge.result import RunResult
 from train_ato.log.difference import compare_logs
 from train_ato.log.recorded import OWN_KEYS, late_commands, outside_nodes, read_changes
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
+from train_ato.loop.ato_mode import NOTHING_LEFT
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import Sink, TickLoop, run_engine
 from train_ato.loop.profile import REJOINED, ProfileStage
@@ -96,6 +97,20 @@ def test_an_engagement_is_refused_while_a_brake_is_in_effect() -> None:
     _, recording = driven(METRO, brake, "ato_requests=[{at: 40, do: engage}]", "duration=100")
     engaged = [time for time, state in states(recording) if state is AtoState.ENGAGED]
     assert engaged[0] == 0.0 and engaged[1] > 80.0
+
+
+def test_an_engagement_beyond_the_last_stop_is_refused_at_once() -> None:
+    """Breaks if a train with no way left is engaged, and fails 10 s later for another reason."""
+    loop = TickLoop(setup_of("demo", "ato_requests=[{at: 1, do: disengage}, {at: 3.4, do: engage}]"), None)
+    loop.start()
+    ato = loop.controller.ato
+    assert ato.last_stop == loop.profile.profile.position.max() > 100.0
+    ato.last_stop = 0.0
+    go_on(loop, 3.2)
+    with pytest.raises(ValueError, match="engage: the train is at the last stop of its profile or beyond it"):
+        ato.request("engage")
+    go_on(loop, 4.0)
+    assert (ato.machine.state, ato.machine.reason) == (AtoState.FAILURE, NOTHING_LEFT)
 
 
 def test_the_ways_of_running_agree_over_a_disengagement(tmp_path: Path) -> None:

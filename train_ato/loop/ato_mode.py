@@ -8,12 +8,14 @@ from train_ato.control.guard import is_valid_state
 from train_ato.control.plausibility import MeasurementCheck
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
+from train_ato.profile.planner.plan_from_state import STOP_TOLERANCE
 from train_ato.scenario.interventions import REQUEST_KEY, AtoRequest, Request
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.supervisor import STANDSTILL_SPEED
 
 PLANNING_TIME = 10.0
 """Time within which the new profile must arrive after an engagement [s]; then the ATO fails."""
+NOTHING_LEFT = "engage: the train is at the last stop of its profile or beyond it; no part of the profile is left"
 
 
 class AtoMode:
@@ -39,6 +41,8 @@ class AtoMode:
         True if the train is at standstill.
     check : MeasurementCheck
         Comparison of the measurement with the odometry.
+    last_stop : float
+        Last place of vehicle 0 in the profile [m]; infinite if another program plans the profile.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -53,7 +57,8 @@ class AtoMode:
         self.waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = -1, ""
         self.standstill = False
-        self._speed = 0.0
+        self.last_stop = np.inf
+        self._speed = self._place = 0.0
 
     def _settle(self) -> None:
         self.drives = self.machine.state is AtoState.ENGAGED and not self.awaits_profile
@@ -72,7 +77,13 @@ class AtoMode:
             With the reason of a refusal.
         """
         self.machine.check(do, standstill=self.standstill)
+        if do == "engage" and self._at_end:
+            raise ValueError(NOTHING_LEFT)
         self.waiting.insert(0, AtoRequest(at=0.0, do=do))
+
+    @property
+    def _at_end(self) -> bool:
+        return self._place + STOP_TOLERANCE >= self.last_stop
 
     def fail(self, stamp: int, reason: str) -> None:
         """Enter the state failure at a stamp [ns]."""
@@ -120,6 +131,8 @@ class AtoMode:
         difference = "" if speeds is None else self.check.step(measurement, speeds)
         if difference and machine.state is AtoState.ENGAGED:
             machine.fail(stamp, difference)
+        position = measurement.position[:1] + self._offset
+        self._place = position.item(0)
         self._take_request(stamp)
         self._settle()
         if machine.state is not before or self._accepted[0] == stamp:
@@ -128,9 +141,7 @@ class AtoMode:
             self.changed_at, self.assured = stamp, self.assurance.brakes
             if not self.assured:
                 self.returned_at = stamp
-        return AtoReport(
-            stamp, measurement.position[:1] + self._offset, measurement.velocity[:1], np.array([float(machine.state)])
-        )
+        return AtoReport(stamp, position, measurement.velocity[:1], np.array([float(machine.state)]))
 
     def _take_request(self, stamp: int) -> None:
         """Apply the first request that is due and possible."""
@@ -143,7 +154,9 @@ class AtoMode:
                 continue
             self.waiting.remove(request)
             self._accepted = stamp, request.do
-            self.awaits_profile = request.do == "engage"
+            self.awaits_profile = request.do == "engage" and not self._at_end
+            if request.do == "engage" and self._at_end:
+                self.machine.fail(stamp, NOTHING_LEFT)
             return
 
     def command(self, measurement: Measurement) -> tuple[Array, float | None]:

@@ -80,6 +80,8 @@ class ControllerStage:
         Current law.
     changed : dict
         Parameters applied at the last step, planned in the scenario or set during the run.
+    foreign_profile : bool
+        True if a program outside of this project plans the profile.
     step_times : array of int
         Wall time of every step [ns].
     received : Received
@@ -123,6 +125,7 @@ class ControllerStage:
         self.error: ComponentFailed | None = None
         self.failed: ComponentFailed | None = None
         self.ato = AtoMode(setup)
+        self.foreign_profile = False
         self.outage = ""
         self.takeover: TakeoverRamp | None = None
         self.step_times = array("q")
@@ -175,6 +178,8 @@ class ControllerStage:
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
         self.profile = profile
+        if not self.foreign_profile:
+            self.ato.last_stop = float(profile.position.max())
         if self.stack is None or self.ato.awaits_profile:
             self.ato.take_profile()
             self.stack = self._new_stack(profile)

@@ -44,6 +44,7 @@ class ControllerNode:
         self.stage = stage
         self.endpoints = endpoints
         setup = stage.setup
+        stage.foreign_profile = endpoints.external is Role.PROFILE
         self._inputs = StampSynchronizer(setup.tick_ns, setup.supervised_at, behind=setup.layout.behind)
         self._following = self._heard = False
         self._laws = stage.setup.laws
