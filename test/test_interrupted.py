@@ -23,7 +23,7 @@ from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.scenario.scenario import load_scenario
 
 ENDED = (1, -signal.SIGINT)
-"""Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
+"""Ctrl-C while a command loads ends it by SIGINT without a line: exit status 130 in a shell."""
 
 
 @contextmanager
@@ -171,8 +171,17 @@ def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> N
     if process.returncode == 0:
         assert "plan.csv" in out
     else:
-        assert process.returncode in ENDED and err.splitlines()[-1] == "train-ato: interrupted"
+        quiet = process.returncode == -signal.SIGINT and not err
+        assert quiet or (process.returncode in ENDED and err.splitlines()[-1] == "train-ato: interrupted")
         assert out == ""
+
+
+@pytest.mark.parametrize(("program", "traced"), [("bin/train-ato", False), ("plant_node", False), ("mine.py", True)])
+def test_ctrl_c_while_a_command_loads_has_no_traceback(program: str, traced: bool) -> None:
+    """Breaks if Ctrl-C in the first imports prints a traceback, or a program that uses the package loses it."""
+    code = f"import signal, sys; sys.argv = ['{program}']; import train_ato; signal.raise_signal(signal.SIGINT)"
+    done = python("-c", code)
+    assert (done.returncode, "KeyboardInterrupt" in done.stderr) == (-signal.SIGINT, traced)
 
 
 def test_nohup_is_respected(tmp_path: Path) -> None:

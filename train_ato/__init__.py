@@ -20,8 +20,17 @@ Every error is an ``Error`` with one line for each fault: ``InputError`` before 
 ``RunFailed`` during a run, ``RunInterrupted`` after Ctrl-C.
 """
 
-import importlib
+# ruff: noqa: E402
+import signal
 import sys
+
+_name, _words = "".join(sys.argv[:1]).rpartition("/")[2], " ".join(sys.orig_argv)
+_nodes = ("plant", "profile", "observer", "controller", "supervisor", "recorder")
+_begun = _name in ("train-ato", *(f"{node}_node" for node in _nodes)) or (_name == "-m" and "-m train_ato" in _words)
+if _begun and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a program without a traceback while it loads
+
+import importlib
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 

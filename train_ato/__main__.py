@@ -2,9 +2,6 @@
 
 import sys
 
-try:
-    from train_ato.cli.main import main
-except KeyboardInterrupt:
-    sys.exit("train-ato: interrupted")
+from train_ato.cli.main import main
 
 sys.exit(main())
