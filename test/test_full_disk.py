@@ -124,7 +124,7 @@ def test_a_series_that_finds_no_more_room_keeps_its_runs_and_goes_on(command, tm
     kept = len((Path("out") / "runs.jsonl").read_text().splitlines()) - 1
     assert done.returncode == 1 and kept > 0 and "Traceback" not in done.stderr
     assert re.fullmatch(
-        rf"train-ato: out/\S+: File too large; ({kept}|{kept + 1}) finished runs are in out; "
+        rf"train-ato: out/\S+: File too large; ({kept}|{kept + 1}) finished runs? (is|are) in out; "
         "make room and repeat the command to go on",
         said,
     )
@@ -213,7 +213,10 @@ def test_a_run_without_room_for_the_begin_of_its_log_leaves_nothing(way: str, tm
     assert not list(tmp_path.iterdir())
 
 
-def test_a_sweep_without_room_for_its_figures_names_its_runs(tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+@pytest.mark.parametrize(("lags", "kept"), [("0.3", "1 finished run is"), ("0.3, 0.4", "2 finished runs are")])
+def test_a_sweep_without_room_for_its_figures_names_its_runs(
+    lags: str, kept: str, tmp_path: Path, monkeypatch: Any, capsys: Any
+) -> None:
     """Breaks if the line of a figure has neither the kept runs nor the way to go on."""
 
     def no_room(*_: object) -> None:
@@ -221,11 +224,10 @@ def test_a_sweep_without_room_for_its_figures_names_its_runs(tmp_path: Path, mon
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("train_ato.studies.sweep.result.SweepResult.figures", no_room)
-    Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3, 0.4]}, set: {duration: 2}}")
+    Path("s.yaml").write_text(f"{{scenario: demo, design: grid, over: {{plant.lag: [{lags}]}}, set: {{duration: 2}}}}")
     assert main(["sweep", "s.yaml", "--jobs=1", "--out=out"]) == 1
     assert capsys.readouterr().err.splitlines()[-1] == (
-        "train-ato: out/box.png: No space left on device; 2 finished runs are in out; make room and repeat the command "
-        "to go on"
+        f"train-ato: out/box.png: No space left on device; {kept} in out; make room and repeat the command to go on"
     )
 
 

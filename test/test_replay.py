@@ -15,7 +15,7 @@ from train_ato.cli.main import main
 from train_ato.log.reading import iter_raw
 from train_ato.messages.codec import stamp_of
 from train_ato.playback.log import ReplayOptions
-from train_ato.playback.publishing import REPLAY_PROFILE
+from train_ato.playback.publishing import REPLAY_PROFILE, refuse_topics_of_runs
 
 SECONDS = 15
 TICKS = SECONDS * 10
@@ -269,6 +269,14 @@ def test_a_clock_of_its_own_rate(run, listen, domain):
     assert after == sorted(after)
     assert after[-1] <= 15_000_000_000
     assert replaying.outcome.counts == {"/ato/command": 75}
+
+
+def test_the_domain_without_an_option_is_named_so(monkeypatch):
+    """Breaks if the remedy is a variable that is not set."""
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    monkeypatch.setattr("train_ato.ros.graph.domain_lock.locked_runs", lambda: [(0, "")])
+    with pytest.raises(ValueError, match=r"^ROS domain 0: a run in progress publishes /clock there"):
+        refuse_topics_of_runs(None, ["/clock"])
 
 
 @pytest.mark.parametrize("space", ["", "/t1"])

@@ -223,8 +223,9 @@ class _Tracks:
                 off = str(change.flag("isolatedSection")).lower()
                 keys = {"isInsulatedSection": off, "contactLineType": change.get("type")}
                 if tag != "electrificationChange":
-                    old, key = ("slope", "gradient") if tag == "gradientChange" else ("radius", "radius")
-                    keys = {key: repr(change.number(old))}
+                    slope = tag == "gradientChange"
+                    value = change.number("slope", -500, 500) if slope else change.number("radius")
+                    keys = {"gradient" if slope else "radius": repr(value)}
                 written(change, new, at, end, **keys)
         for at, tunnel in listed("tunnel"):
             end = at + tunnel.number("length", 0)
@@ -239,7 +240,8 @@ class _Tracks:
             brief = [pair for pair in followed if _ends(pair[1]) and not _ends(pair[0])]
             lasting = [one for one, after in followed if not _ends(one) and not _ends(after)]
             for (at, change), (end, after) in [*zip(lasting, [*lasting[1:], last], strict=False), *brief]:
-                keys = {"maxSpeed": repr(change.number("vMax")), "isTemporary": str(_ends((end, after))).lower()}
+                temporary = str(_ends((end, after))).lower()
+                keys = {"maxSpeed": repr(change.number("vMax", 0.1, 1000.0)), "isTemporary": temporary}
                 entry = written(change, "speedSection", at, end, WAYS[way], **keys)
                 if profile:
                     _add(entry, "validForSpeedProfile", ref=profile)

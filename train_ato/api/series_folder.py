@@ -133,9 +133,9 @@ class SeriesFolder:
         except OSError as error:
             if not (kept := len(self.rows())):
                 raise
+            runs = f"{kept} finished {'run is' if kept == 1 else 'runs are'} in {self.path}; make room"
             raise RunFailed(
-                f"{error.filename or self.path}: {error.strerror or error}; {kept} finished runs are in {self.path}; "
-                "make room and repeat the command to go on"
+                f"{error.filename or self.path}: {error.strerror or error}; {runs} and repeat the command to go on"
             ) from None
 
 

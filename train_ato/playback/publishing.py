@@ -416,8 +416,9 @@ def refuse_topics_of_runs(domain: int | None, names: Iterable[str]) -> None:
     from train_ato.ros.graph.domain_lock import TRAINS, locked_runs
     from train_ato.ros.graph.environment import domain_of_environment
 
-    option = "--domain" if domain is not None else "ROS_DOMAIN_ID"
-    number = domain if domain is not None else domain_of_environment() or 0
+    of_environment = domain_of_environment()
+    option = "--domain" if domain is not None else "ROS domain" if of_environment is None else "ROS_DOMAIN_ID"
+    number = domain if domain is not None else of_environment or 0
     spaces = {space for held, space in locked_runs() if held == number}
     for space in spaces - ({"", TRAINS} if TRAINS in spaces else set()):  # the program of several trains has no nodes
         own = {f"{space}/{name.removeprefix('/')}" for name, topic in BY_NAME.items() if len(topic.publishers) == 1}

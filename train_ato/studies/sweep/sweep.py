@@ -437,7 +437,11 @@ class PreparedSweep:
                 self._run_missing(rows, writer, shown=shown, announce=announce or (lambda text: None))
             except KeyboardInterrupt:
                 rows = rows if folder is None else self._kept(folder)  # a row is on the disk before it counts here
-                place = f"; {len(rows)} finished runs: {folder.path}" if folder is not None and rows else ""
+                place = (
+                    f"; {len(rows)} finished run{'s' * (len(rows) > 1)}: {folder.path}"
+                    if folder is not None and rows
+                    else ""
+                )
                 raise RunInterrupted(f"interrupted{place}") from None
             finally:
                 if folder is not None and rows:
