@@ -548,11 +548,6 @@ def test_a_network_of_railml_2_by_hand(railml: Path, capsys: pytest.CaptureFixtu
         ('pos="700"', 'pos="100"', "switch s1: pos: outgoing at the begin of its track"),
         ('pos="600" slope', 'pos="100" slope', "gradientChange g600: pos = 100: another value there; keep one"),
         ('slope="5"', 'slope="501"', "gradientChange g100: slope = 501: must lie between -500 and 500"),
-        (
-            'vMax="36"',
-            'vMax="end"',
-            "v100: a temporary speed (railML 2: before vMax = 'end') where the path has no other",
-        ),
         ('vMax="36"', 'vMax="0"', "speedChange v400: vMax = 0: must lie between 0.1 and 1000"),
         ('dir="down"', 'dir="both"', "track t1: speedChange: dir = 'both': must be up or down"),
     ):
