@@ -87,7 +87,7 @@ setup(
         "train_ato": [
             "py.typed", "control/*.yaml", "api/import_csv/layouts/*.yaml", "scenario/shipped/*",
             "scenario/shipped/following/*", "scenario/schemas/*.json", "ros/graph/*.xml", "report/page.*",
-            "view/page.*", "view/*.js", "papers/*.md",
+            "view/page.*", "view/*.js", "papers/*.md", "papers/*/*.yaml",
         ],
     },
     data_files=[

@@ -316,7 +316,7 @@ HELPS_KS = ratio("rms RBFNN over SMC at f/1.01, both with ks", BETTER, "implied:
 @CLAIMS.judged_by("the network estimates delta", "within 5e-5 m/s²", ("rbf", "rbf_ks"), THREE)
 def network_accuracy(results: Results) -> Judgement:
     """Judge the accuracy of the network, 5e-5 m/s² for delta."""
-    printed = _network_errors(results["rbf"], RbfSmcParameters(**PRINTED_NETWORK))  # type: ignore[arg-type]
+    printed = _network_errors(results["rbf"], RbfSmcParameters(**PRINTED_NETWORK))
     repaired = _network_errors(results["rbf_ks"], RbfSmcParameters())
     size = float(np.std(unexplained(recording(results["rbf"]), PERIOD, 0.01)))
     rms_printed, rms_repaired = (float(np.sqrt(np.mean(errors**2))) for errors in (printed, repaired))

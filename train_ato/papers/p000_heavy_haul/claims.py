@@ -72,7 +72,7 @@ def _network(results: Results, folder: Path) -> FigureFile:
     caption = "figures 7-8: network estimate of delta = f - f_hat; left the whole run, right 30 s"
     figure, axes = panel_grid(caption, 4, 2, height=2.3, width=15)
     settings = (
-        ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),  # type: ignore[arg-type]
+        ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
     )
     for row, (key, label, parameters) in enumerate(settings):
