@@ -3,6 +3,7 @@
 The JSON Schema of a model contains the keys with and without suffix, so that editors complete and check them.
 """
 
+import math
 from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -14,6 +15,8 @@ from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCu
 
 from plant_sim.units import Unit, Usual, number_text, unit_symbol, without_comma
 
+LARGEST = 1e15
+"""Largest magnitude of a number in a file: powers and products of larger ones overflow."""
 Value = TypeVar("Value")
 Summary = Annotated[str, Field(description="one line for lists", examples=["Metro, six cars, third rail"])]
 Source = Annotated[str, Field(description="origin of the data", examples=["data sheet of the operator, 2024"])]
@@ -48,6 +51,10 @@ def _scalars(value: Any) -> list[Any]:
     return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 def _type_mismatch(kinds: set[Any], value: Any) -> str | None:
     """Return the error text for a value that pydantic would convert (true to 1, '5' to 5); None for others."""
     scalars = _scalars(value)
@@ -56,6 +63,8 @@ def _type_mismatch(kinds: set[Any], value: Any) -> str | None:
             return "input should be a number, not true or false"
         if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
             return f"input should be a number, not text{_decimal_comma(scalars)}"
+        if float in kinds and any(LARGEST < abs(scalar) < math.inf for scalar in scalars if _is_number(scalar)):
+            return f"input should be between -{LARGEST:g} and {LARGEST:g}"
     elif bool in kinds and not isinstance(value, bool):
         return "input should be true or false"
     elif kinds <= {str, type(None)} and any(isinstance(scalar, (bool, int, float)) for scalar in scalars):
