@@ -7,6 +7,7 @@ beginning.
 """
 
 import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -176,16 +177,10 @@ class ReplayLog:
 
     def _chunk_of(self, moment_ns: int) -> int:
         """Return the first chunk to read for the messages from a time on."""
-        low, high = 0, len(self._chunks) - 1
-        while low < high:
-            middle = (low + high) // 2
-            if self._span(middle)[1] < moment_ns:
-                low = middle + 1
-            else:
-                high = middle
-        while low > 0 and self._span(low - 1)[1] >= moment_ns - DISORDER_NS:
-            low -= 1
-        return low
+        first = bisect_left(range(len(self._chunks) - 1), moment_ns, key=lambda place: self._span(place)[1])
+        while first > 0 and self._span(first - 1)[1] >= moment_ns - DISORDER_NS:
+            first -= 1
+        return first
 
     def _holding(self, topics: Collection[str]) -> Iterator[int]:
         """Return the chunks that may contain messages of the topics."""
@@ -225,12 +220,11 @@ class ReplayLog:
         until_ns
             Last publish time, included.
         """
-        kept: dict[str, list[tuple[int, RawMessage]]] = {name: [] for name in depths}
+        kept = {name: deque[tuple[int, RawMessage]](maxlen=depth) for name, depth in depths.items()}
         for number, message in enumerate(self._until(depths, until_ns)):
             name = message.channel.topic
             if name in kept and message.publish_ns <= until_ns:
                 kept[name].append((number, message))
-                del kept[name][: -depths[name]]
         return [message for _, message in sorted((e for es in kept.values() for e in es), key=lambda entry: entry[0])]
 
     def _until(self, topics: Collection[str], until_ns: int) -> Iterator[RawMessage]:
