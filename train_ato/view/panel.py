@@ -50,7 +50,8 @@ class Panel:
         setup = feed.facts.setup
         required = setup is not None and setup.scenario.criteria.requirements
         shown = [_heading("requirements"), self._requirements] if required else []
-        ato = [_heading("ATO"), self._requests()] if feed.facts.layout.supervised else []
+        requests = Row(children=[self._call_button(request, 92) for request in REQUESTS])
+        ato = [_heading("ATO"), requests] if feed.facts.layout.supervised else []
         self.column = Column(
             children=[
                 self._brake, *ato, *shown, _heading("law"), self._law, self._parameters,
@@ -61,12 +62,10 @@ class Panel:
         )  # fmt: skip
         self._pause = Button(label="pause", width=84, name="pause", **sheets)
         self._pause.on_click(lambda: self._feed.controls.call("pause", self._say, not self._feed.paused))
-        self._step = Button(label="tick", width=64, name="step", **sheets)
-        self._step.on_click(lambda: self._feed.controls.call("step", self._say))
+        self._step = self._call_button("step", 64, "tick")
         self._rate = Select(options=[*RATES], value="1 ×", width=150, name="rate", **sheets)
         self._rate.on_change("value", self._rate_chosen)
-        stop = Button(label="end the run", width=96, name="stop", **sheets)
-        stop.on_click(lambda: self._feed.controls.call("stop", self._say))
+        stop = self._call_button("stop", 96, "end the run")
         self._again = Button(label="run again", width=84, name="again", button_type="success", visible=False, **sheets)
         self._again.on_click(feed.request_again)
         self.bar = Row(
@@ -76,21 +75,15 @@ class Panel:
         )
         self._over = False
 
-    def _requests(self) -> Any:
-        """Return the buttons of the requests to the ATO; a refusal is shown with its reason."""
-        buttons = []
-        for request in REQUESTS:
-            button = Button(label=request, width=92, name=request, stylesheets=[WIDGETS])
-            button.on_click(partial(self._feed.controls.call, request, self._say))
-            buttons.append(button)
-        return Row(children=buttons)
+    def _call_button(self, service: str, width: int, label: str = "") -> Button:
+        """Return the button of a service of the nodes; a refusal is shown with its reason."""
+        button = Button(label=label or service, width=width, name=service, stylesheets=[WIDGETS])
+        button.on_click(partial(self._feed.controls.call, service, self._say))
+        return button
 
     def _disturbances(self) -> list[Any]:
         """Return the widgets of gusts and delay jumps; their sizes are parameters of the plant."""
-        gust = Button(label="gust", width=92, name="gust", stylesheets=[WIDGETS])
-        gust.on_click(lambda: self._feed.controls.call("gust", self._say))
-        jump = Button(label="delay jump", width=92, name="delay_jump", stylesheets=[WIDGETS])
-        jump.on_click(lambda: self._feed.controls.call("delay_jump", self._say))
+        gust, jump = self._call_button("gust", 92), self._call_button("delay_jump", 92, "delay jump")
         force = self._spinner("gust.acceleration", "size [m/s²]", -1.0, 1.0, 0.005)
         duration = self._spinner("gust.duration", "duration [s]", 0.5, 3600.0, 1.0)
         add = self._spinner("delay_jump.add", "added delay [s]", -60.0, 60.0, 0.1)
