@@ -112,9 +112,13 @@ class ProfileSpec(SiModel):
         begun
             Duration of a driver's run [s] and speed at its begin [m/s].
         """
-        profile = self._build_source(
-            consist, line, period, folder=folder or Path(), reduction=reduction, ceiling=ceiling, begun=begun
-        )
+        if self.plan is None:
+            profile = self._unplanned(consist, line, period, folder or Path(), begun)
+        else:
+            from train_ato.profile.planner.planner import plan_profile  # a late import: it compiles kernels
+
+            found = plan_profile(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling)
+            profile = found.profile
         if self.until is not None and self.steps is None:
             profile = profile.until(self.until)
         if self.append:
@@ -135,17 +139,10 @@ class ProfileSpec(SiModel):
         assert self.file is not None
         return folder / self.file if (folder / self.file).is_file() else Path(self.file)
 
-    def _build_source(
-        self,
-        consist: Consist,
-        line: Line,
-        period: float,
-        *,
-        folder: Path,
-        reduction: float | None,
-        ceiling: tuple[Array, Array] | None,
-        begun: tuple[float, float],
+    def _unplanned(
+        self, consist: Consist, line: Line, period: float, folder: Path, begun: tuple[float, float]
     ) -> Profile:
+        """Return the profile of a source that is not a plan."""
         start = line.begin if self.start is None else self.start
         half = consist.vehicles[0].length / 2
         if self.file is not None:
@@ -161,12 +158,8 @@ class ProfileSpec(SiModel):
         if self.steps is not None:
             assert self.until is not None
             return from_steps(self.steps, self.until, start, period)
-        if self.driver is not None:
-            return simulate_actions(self.driver, consist, line, period, start, *begun)
-        from train_ato.profile.planner.planner import plan_profile  # a late import: it compiles kernels
-
-        assert self.plan is not None
-        return plan_profile(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling).profile
+        assert self.driver is not None
+        return simulate_actions(self.driver, consist, line, period, start, *begun)
 
     def _move_to_start(self, profile: Profile) -> Profile:
         """Return a profile from a file, moved to ``start``."""

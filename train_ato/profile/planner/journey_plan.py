@@ -111,14 +111,14 @@ class JourneyPlanner:
             If there is no solution, or a window is too late or a speed too high for this train.
         """
         fastest = self._assembled([MINIMUM_TIME] * len(self._legs))
-        late = self._first_late(fastest_times(self._legs, self._places, self._start.time))
+        possible = fastest_times(self._legs, self._places, self._start.time)
+        late = self._first_late(possible)
         if late is not None and not fastest_if_late:
             return fastest, late
         floors = [self._floor(leg) for leg in self._legs]
         moved = np.zeros(len(self._places))
         problem: str | None = None
         for _ in range(MAX_ROUNDS):
-            possible = fastest_times(self._legs, self._places, self._start.time)
             places = [
                 replace(
                     place,

@@ -88,22 +88,23 @@ class LineForce:
     def __init__(self, line: Line, train: TrainTables, *, over_length: bool = False) -> None:
         self._train = train
         track = Track(line)
-        lengths = np.unique(train.lengths) if over_length else np.zeros(1)
-        self._pieces = [track.over_length(float(length)) if over_length else track.at_points() for length in lengths]
-        self._kind = np.searchsorted(lengths, train.lengths) if over_length else np.zeros(train.masses.size, dtype=int)
+        lengths = train.lengths.tolist()
+        pieces = {length: track.over_length(length) if over_length else track.at_points() for length in set(lengths)}
+        rows = zip(lengths, train.behind, train.masses * train.gravity, strict=True)
+        self._vehicles = [(pieces[length], behind, weight) for length, behind, weight in rows]
 
     def at(self, front: Array) -> Array:
         """Return the force at increasing places of the front [N], > 0 against the motion; beyond a step of it."""
         total = np.zeros(front.size)
-        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
-            _add_force(total, front, self._pieces[kind], behind, mass * self._train.gravity, 0.0)
+        for vehicle in self._vehicles:
+            _add_force(total, front, *vehicle, 0.0)
         return total
 
     def work(self, front: Array) -> Array:
         """Return the work from the first of increasing places of the front to each of them [J]."""
         total = np.zeros(front.size)
-        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
-            _add_work(total, front, self._pieces[kind], behind, mass * self._train.gravity)
+        for vehicle in self._vehicles:
+            _add_work(total, front, *vehicle)
         return total
 
     def steps(self) -> Array:
@@ -113,11 +114,11 @@ class LineForce:
         would pull in one part of the cell and brake in the other.
         """
         found = [np.zeros(0)]
-        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
-            first, end, grade, slope, curve = self._pieces[kind][:5]
+        for pieces, behind, weight in self._vehicles:
+            first, end, grade, slope, curve = pieces[:5]
             before = grade + slope * (end - first) + curve
             change = np.abs(grade[1:] + slope[1:] * (end[:-1] - first[1:]) + curve[1:] - before[:-1])
-            far = mass * self._train.gravity * change > MIN_STEP * self._train.inertia
+            far = weight * change > MIN_STEP * self._train.inertia
             found.append(end[:-1][far] + behind + 5e-10)  # half of the distance of the places before and beyond it
         return np.unique(np.concatenate(found))
 
@@ -125,10 +126,9 @@ class LineForce:
         """Return minimum, mean and maximum force over every cell [N], shape (cells,) each."""
         places = grid.places
         beyond, before = np.zeros(places.size), np.zeros(places.size)
-        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
-            weight = mass * self._train.gravity
-            _add_force(beyond, places, self._pieces[kind], behind, weight, 0.0)
-            _add_force(before, places, self._pieces[kind], behind, weight, 1e-9)
+        for vehicle in self._vehicles:
+            _add_force(beyond, places, *vehicle, 0.0)
+            _add_force(before, places, *vehicle, 1e-9)
         mean = np.diff(self.work(places)) / grid.steps
         ends = np.stack((beyond[:-1], before[1:], mean))
         return ends.min(axis=0), mean, ends.max(axis=0)
