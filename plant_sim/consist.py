@@ -32,7 +32,6 @@ from plant_sim.units import (
     number_text,
 )
 
-SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0
 """Smallest plausible mass of a vehicle [kg]; a smaller one is probably in tonnes without the suffix."""
 MAX_VEHICLE_MASS = 1e9

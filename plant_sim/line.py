@@ -129,7 +129,6 @@ class TemporaryRestriction(LineSection):
     reason: str = option("", "reason, for displays", example="track works")
 
 
-SCHEMA = "train_ato/line/1"
 ROUNDING = 1e-6
 """Rounding of places [m]."""
 ROUNDING_STEP = 0.25e-3

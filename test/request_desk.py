@@ -61,7 +61,7 @@ class Desk:
 def beside_a_run(out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> Iterator[tuple[Desk, dict[str, Any]]]:
     """Yield a desk beside a paused run, and its summary, which is filled at its end; then verify the run."""
     from train_ato.ros.graph.environment import middleware
-    from train_ato.ros.graph.remote import set_parameter
+    from train_ato.ros.graph.remote import graph_client
 
     for name, value in middleware().items():
         monkeypatch.setenv(name, value)
@@ -72,7 +72,8 @@ def beside_a_run(out: Path, monkeypatch: pytest.MonkeyPatch, *options: str) -> I
     try:
         desk.pause(True)
         yield desk, summary
-        assert set_parameter(domain, "plant", "rate", 0.0) is None
+        with graph_client(domain) as remote:
+            assert remote.set_parameter("plant", "rate", 0.0) is None
         desk.pause(False)
     finally:
         desk.close()

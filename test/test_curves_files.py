@@ -15,7 +15,7 @@ from commands import answer, complaint
 
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
-from plant_sim.line import SCHEMA, AdhesionSection, Line
+from plant_sim.line import AdhesionSection, Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
@@ -445,7 +445,7 @@ def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
     grades = [{"at": 0, "grade": 0.004}, {"at": 900, "grade": -0.009}, {"at": 5000, "grade": 0.02}]
     limits = [{"at": 0, "speed": 15.0}, {"at": 2000, "speed": 20.0}, {"at": 4000, "speed": 10.0}]
     entries = {"name": "short", "begin": 0, "end": 5000, "grades": grades, "speed_limits": limits}
-    line = Line.model_validate({"schema": SCHEMA, **entries})
+    line = Line.model_validate({"schema": "train_ato/line/1", **entries})
     assert grades_permille(line) == [(0.0, 4.0), (900.0, -9.0), (5000.0, 0.0)]
     assert highest_limit(line) == 20.0 and highest_limit(load_line("level")) == 80 / 3.6
     track = line_supervision(consist, line, setup, None)

@@ -59,11 +59,12 @@ def execute(options: argparse.Namespace) -> None:
 
 def _running(domain: int, namespace: str) -> RunSetup:
     """Return the scenario of the run on a domain, from the parameter of its plant."""
-    from train_ato.ros.graph.remote import read_parameter
+    from train_ato.ros.graph.remote import graph_client
     from train_ato.scenario.scenario import load_scenario
     from train_ato.scenario.setup import prepare
 
-    named = Path(str(read_parameter(domain, "plant", "scenario", namespace)))
+    with graph_client(domain, namespace) as remote:
+        named = Path(str(remote.parameter("plant", "scenario")))
     if not named.is_file():
         raise ValueError(f"domain {domain}: the plant names no scenario file; give RUN, the folder of the run")
     return prepare(*load_scenario(str(named)))

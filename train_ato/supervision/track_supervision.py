@@ -191,8 +191,6 @@ class TrackSupervision:
         Pairs of start [m] and speed limit [m/s] by rising start; before the first one the maximum speed holds.
     end
         End of authority and supervised location.
-    fixed
-        Fixed values.
     release
         Release speed near the end of authority [m/s]; None: none is supervised.
 
@@ -219,10 +217,9 @@ class TrackSupervision:
         speed_limits: Sequence[tuple[float, float]],
         end: BrakingTarget | None,
         *,
-        fixed: FixedValues | None = None,
         release: float | None = None,
     ) -> None:
-        self.train, fixed = train, fixed or FixedValues()
+        self.train, self._fixed = train, FixedValues()
         profile = [
             (place, min(speed, train.max_speed)) for place, speed in limits_under_train(speed_limits, train.length)
         ]
@@ -232,8 +229,8 @@ class TrackSupervision:
             for name, value in ceiling_speeds(speed)._asdict().items():
                 record[name] = value
         self._ceilings, self._limits_by_place = ceilings, profile
-        self._gradient = gradient_acceleration(grades, train.length, train.m_rotating_nom, fixed)
-        self._fixed, self._release = fixed, inf if release is None else release
+        self._gradient = gradient_acceleration(grades, train.length, train.m_rotating_nom, self._fixed)
+        self._release = inf if release is None else release
         self._known: dict[float, TargetLimits] = {}
         self.targets: list[TargetLimits] = []
         self.without_service_curve: str | None = None
@@ -284,16 +281,14 @@ class TrackSupervision:
 
     def _end_limits(self, end: BrakingTarget) -> TargetLimits:
         """Return the limits of the end of authority; without SBD if the service brake is missing or too weak."""
-        train, gradient, fixed = self.train, self._gradient, self._fixed
-        if train.brake.service is None:
+        if self.train.brake.service is None:
             self.without_service_curve = "the train has no service deceleration"
-            return TargetLimits(train, end, gradient, fixed)
         try:
-            return TargetLimits(train, end, gradient, fixed)
+            return TargetLimits(self.train, end, self._gradient, self._fixed)
         except ValueError as error:
             self.without_service_curve = str(error)
-            alone = replace(train, brake=replace(train.brake, service=None))
-            return TargetLimits(alone, end, gradient, fixed)
+            alone = replace(self.train, brake=replace(self.train.brake, service=None))
+            return TargetLimits(alone, end, self._gradient, self._fixed)
 
     def evaluate(self, front: float, motion: MotionEstimate = EXACT_MOTION) -> SupervisionSpeeds:
         """Return the most restrictive speeds of the limits [m/s] at an estimated front position [m].

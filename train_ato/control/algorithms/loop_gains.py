@@ -102,7 +102,7 @@ class LoopGains:
         theta = dead_time(model) + period
         kp = min(
             MAX_GAIN, 1.0 / (2.0 * theta), wave_gain(model, MATCHED_SHARE),
-            MODE_SHARE * _gain_of_modes(model, TrainModes.of(model), 0.5 * period, PHASE_MARGIN),
+            MODE_SHARE * _gain_of_modes(model, TrainModes.of(model), 0.5 * period),
         )  # fmt: skip
         return cls(kp, min(kp / (8.0 * theta), 0.25 * kp * kp), theta)
 
@@ -174,14 +174,14 @@ def _decay(modes: TrainModes) -> Array:
     return modes.omega * np.maximum(modes.viscous + FRICTION_SHARE * modes.friction, MIN_DAMPING)
 
 
-def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float, margin: float = 1.0) -> float:
+def _gain_of_modes(model: TrainModel, modes: TrainModes, sampling: float) -> float:
     """Return the gain on the speed error at which a mode of the couplers is undamped [1/s], infinite without one.
 
-    ``sampling`` is the mean delay by the sampling [s], ``margin`` a factor on the phase.
+    ``sampling`` is the mean delay by the sampling [s]. The phase has the factor :data:`PHASE_MARGIN`.
     """
     lagging = modes.omega * model.lag
     phase = modes.omega * (dead_time(model) - model.lag + sampling) + np.array(list(map(math.atan, lagging.tolist())))
-    excited = -cos_each(np.minimum(margin * phase, math.pi))
+    excited = -cos_each(np.minimum(PHASE_MARGIN * phase, math.pi))
     rate = _decay(modes)
     reached = model.inertia * modes.units * excited / np.sqrt(1.0 + lagging * lagging)
     return float((2.0 * rate[reached > 0.0] / reached[reached > 0.0]).min(initial=math.inf))

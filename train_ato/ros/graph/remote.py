@@ -197,21 +197,3 @@ def graph_client(domain: int, namespace: str = "") -> Iterator[GraphClient]:
             node.destroy_node()
         finally:
             context.try_shutdown()
-
-
-def read_parameter(domain: int, node: str, name: str, namespace: str = "") -> Any:
-    """Return the value of a parameter of a running node; errors as :meth:`GraphClient.parameter`."""
-    with graph_client(domain, namespace) as remote:
-        return remote.parameter(node, name)
-
-
-def set_parameter(domain: int, node: str, name: str, value: Any) -> str | None:
-    """Set one parameter of a running node; return the reason of a refusal, else None.
-
-    Raises
-    ------
-    ValueError
-        If the node or the parameter is missing, or the node does not answer.
-    """
-    with graph_client(domain) as remote:
-        return remote.set_parameter(node, name, value)

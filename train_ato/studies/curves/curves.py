@@ -104,8 +104,6 @@ CURVE_COLOURS = {
 }  # fmt: skip
 DASHED = ("EBD", "SBD")
 """Curves of the braking train; the others are limits of a train at constant speed."""
-WIDE = 3.5
-"""Width of the line that another one may cover [pt]."""
 PANEL_HEIGHT = 4.6
 """Height of the panel of one case [in]."""
 
