@@ -189,7 +189,7 @@ def test_only_a_force_that_does_not_follow_the_error_is_a_limit(case, force, gro
         error = growth * t + (0.05 if "noise" in case else 0.0) * float(random.normal())
         sample = Sample(0.5 * growth * t * t, error, 8.0, float(force(t)), needed, (192e3, 230e3))
         found = found or watch.step(sample)
-    assert (None if found is None else found.level) == level
+    assert (None if found is None else found.observed.maximum) == level
     if found is not None:
         assert found.direction == (-1 if growth > 0 else 1)
 

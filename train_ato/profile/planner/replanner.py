@@ -84,12 +84,8 @@ class Shortfall:
     ----------
     direction : int
         1 traction, -1 braking.
-    level : float
-        Force during the shortfall [N], >= 0.
-    fraction : float
-        The same divided by the nominal envelope at this speed.
-    follows_envelope, is_constant : bool
-        The force followed the envelope; the force was constant. Both are true for a flat envelope.
+    observed : ForceEstimate
+        Force during the shortfall, >= 0; it followed the envelope, was constant, or both on a flat envelope.
     expected : bool
         The force is at the maximum assumed so far: the mass or the resistance is larger than in the model.
     position_error, speed_error : float
@@ -97,10 +93,7 @@ class Shortfall:
     """
 
     direction: int
-    level: float
-    fraction: float
-    follows_envelope: bool
-    is_constant: bool
+    observed: ForceEstimate
     expected: bool
     position_error: float
     speed_error: float
@@ -157,9 +150,8 @@ class ShortfallDetector:
         expected = level >= (1.0 - FORCE_TOLERANCE) * available
         if not expected and level >= (1.0 - FORCE_TOLERANCE) * direction * sample.required:
             return None
-        return Shortfall(
-            direction, max(level, 0.0), max(fractions[-1], 0.0), follows, constant, expected, position, speed
-        )
+        observed = ForceEstimate(max(fractions[-1], 0.0), max(level, 0.0), follows, constant)
+        return Shortfall(direction, observed, expected, position, speed)
 
     def envelope(self, direction: int, speed: float) -> float:
         """Return the nominal maximum force in a direction at a speed [N], at least 1."""
@@ -315,7 +307,7 @@ class Replanner:
                 speed=sample.speed - sample.speed_error + shortfall.speed_error,
             )
             force = "traction" if shortfall.direction > 0 else "brake"
-            decision = self._replanned(measurement.stamp, sample, f"{force} {shortfall.level / 1e3:.1f} kN")
+            decision = self._replanned(measurement.stamp, sample, f"{force} {shortfall.observed.maximum / 1e3:.1f} kN")
             if decision.profile is None:
                 self.traction, self.brake, self._observed = before
             return decision
@@ -366,7 +358,7 @@ class Replanner:
 
     def _update_estimates(self, shortfall: Shortfall) -> None:
         """Update the assumed forces after a shortfall."""
-        observed = ForceEstimate(shortfall.fraction, shortfall.level, shortfall.follows_envelope, shortfall.is_constant)
+        observed = shortfall.observed
         if shortfall.expected and self.replans:
             before = self.traction if shortfall.direction > 0 else self.brake
             observed = before.tightened(observed).scaled(REPEATED_FACTOR)
