@@ -201,9 +201,7 @@ def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> 
         now, 0, i.t, i.acceleration_at_effect, i.jerk_at_effect, i.delay_to_effect, line_force, i.train_shoe_force,
         sensed,
     )  # fmt: skip
-    if i.preview.velocity.size and not is_valid_preview(i.preview):
-        return False
-    return not i.lookahead.velocity.size or is_valid_lookahead(i.lookahead)
+    return is_valid_preview(i.preview) and is_valid_lookahead(i.lookahead)
 
 
 def is_valid(inputs: LawInput) -> bool:
