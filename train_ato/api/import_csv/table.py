@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
@@ -175,23 +176,17 @@ class FileFaults:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._texts: list[str] = []
-        self._kinds: dict[tuple[str, str], int] = {}
-        self._more: dict[int, int] = {}
+        self._texts: dict[tuple[str, str], str] = {}
+        self._counts: Counter[tuple[str, str]] = Counter()
 
     def add(self, text: str) -> None:
         """Add a fault: place and problem, without the file."""
-        if text not in self._texts:
-            self._texts.append(text)
+        self._texts.setdefault(("", text), text)
 
     def add_of_kind(self, place: str, kind: str, text: str) -> None:
         """Add a fault of a column or the rows; further ones of its kind there are only counted."""
-        at = self._kinds.get((place, kind))
-        if at is None:
-            self._kinds[place, kind] = len(self._texts)
-            self._texts.append(text)
-        else:
-            self._more[at] = self._more.get(at, 0) + 1
+        self._texts.setdefault((place, kind), text)
+        self._counts[place, kind] += 1
 
     def add_of_cell(self, table: "CsvTable", row: int, column: Column, kind: str, problem: str) -> None:
         """Add a fault of a cell; further ones of its kind in the column are only counted."""
@@ -207,13 +202,12 @@ class FileFaults:
 
     def refuse(self) -> None:
         """Raise InputFaults if the file has faults."""
-        if not self._texts:
-            return
         lines = []
-        for number, text in enumerate(self._texts):
-            more = f" (and {self._more[number]} more of this kind)" if number in self._more else ""
+        for key, text in self._texts.items():
+            more = f" (and {self._counts[key] - 1} more of this kind)" if self._counts[key] > 1 else ""
             lines.append(f"{self.path}: {text}{more}")
-        raise InputFaults.of(lines, self.path)
+        if lines:
+            raise InputFaults.of(lines, self.path)
 
 
 MAX_FILE = 512 * 2**20
