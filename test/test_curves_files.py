@@ -490,7 +490,7 @@ def test_the_curves_have_the_lowest_adhesion_of_the_line(
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the scenario's train, line or options do not reach the curves, or they pass for those of a run."""
-    monkeypatch.setattr("plant_sim.formats.fields._printed", set())  # a note is printed once in a process
+    monkeypatch.setattr("plant_sim.formats.fields.PRINTED", set())  # a note is printed once in a process
     assert main(["curves", "demo", "--at-km", "22.5"]) == 0
     assert "Kdry_rst = 1; the supervisor of a run has supervision.kdry = 0.8" in capsys.readouterr().err
     found = answer(capsys, "curves", "demo", "--at-km", "22.5")

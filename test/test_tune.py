@@ -235,12 +235,14 @@ def test_overlay_reproduces_the_tuned_run_beside_its_tables(tuned: tuple[Any, Pa
     assert (out / "table.csv").read_text().count("\n") == 1 + len(result.rows)
 
 
-def test_the_number_of_processes_does_not_change_the_result(tmp_path: Path) -> None:
-    """Breaks if scores are used in the order of completion, or if the search uses a common random stream."""
-    given: Any = {"set": {"duration": 5}, "parameters": ["kp"], "runs": 12, "search_seed": 3}
+def test_the_number_of_processes_does_not_change_the_result(capfd: pytest.CaptureFixture[str]) -> None:
+    """Breaks if scores are used in the order of completion, with a common random stream, or each process has a note."""
+    late = [{"at": 50, "do": "gust", "acceleration": 0.1, "duration": 1}]
+    given: Any = {"set": {"duration": 5, "interventions": late}, "parameters": ["kp"], "runs": 12, "search_seed": 3}
     one = ta.tune("xuzhou_metro", "pid", **given)
     two = ta.tune("xuzhou_metro", "pid", jobs=2, **given)
     assert one.candidates == two.candidates and one.rows == two.rows
+    assert capfd.readouterr().err.count("before the intervention at 50 s") == 1
     other = ta.tune("xuzhou_metro", "pid", **{**given, "search_seed": 4, "runs": 6})
     assert other.candidates[1] != one.candidates[1]
 

@@ -279,14 +279,15 @@ NAMED = 6
 """Number of the lost keys of a foreign file that a note names."""
 IDENTIFIERS = ("id", "ref", "version", "schema", "@language", "@creator", "@schemalocation")
 """Ends of the keys without a datum of the line or the train."""
-_printed: set[str] = set()
+PRINTED: set[str] = set()
+"""Notes that this process, or the one that started it, has printed."""
 
 
 def print_assumption(text: str) -> None:
     """Print an assumed figure, or data without effect, as one line on stderr, once per process."""
     line = " ".join(f"note: {text}".split())
-    if line not in _printed:
-        _printed.add(line)
+    if line not in PRINTED:
+        PRINTED.add(line)
         sys.stderr.write(line + "\n")
 
 

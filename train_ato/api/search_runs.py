@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from plant_sim.formats.fields import PRINTED
 from train_ato.api.series_folder import KeptRuns
 from train_ato.program.interrupt import workers_without_ctrl_c
 
@@ -78,7 +79,7 @@ def worker_pool(task: Task, jobs: int) -> Iterator[Callable[[Iterable[Any]], lis
     """Yield the function that starts a task for every input; the end of the block kills the processes."""
     from pebble import ProcessPool
 
-    pool = ProcessPool(jobs, context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=[task])
+    pool = ProcessPool(jobs, context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=[task, PRINTED])
 
     def submit(inputs: Iterable[Any]) -> list[Future[Any]]:
         with workers_without_ctrl_c():
@@ -119,9 +120,11 @@ _task: Task | None = None
 """Task, in a worker."""
 
 
-def _begin(task: Task) -> None:
+def _begin(task: Task, printed: set[str]) -> None:
+    """Store the task, and the notes that the main process has printed."""
     global _task
     _task = task
+    PRINTED.update(printed)
 
 
 def _work(given: Any) -> Any:
