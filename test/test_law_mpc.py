@@ -16,6 +16,8 @@ from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist, model
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
+from plant_sim.line import SpeedLimit
+from plant_sim.record import records_of, zeros
 from train_ato.cli import main
 from train_ato.control.algorithms.coupler_modes import CouplerModes, bandwidth_text, eigenvalues
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
@@ -32,13 +34,28 @@ from train_ato.control.algorithms.train_constants import (
     wave_time,
 )  # fmt: skip
 from train_ato.control.mpc.actuator_identification import ActuatorIdentification
-from train_ato.control.mpc.force_plan import ForcePlan, PlanStart, horizon_model, node_times, ramp_response, responses
+from train_ato.control.mpc.force_plan import ForcePlan, horizon_model, node_times, ramp_response, responses
 from train_ato.control.mpc.measured_motion import MOTION, MeasuredMotion, ModalObserver
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
-from train_ato.control.mpc.predictive_plan import bounds, decide, free_motion, go_on, node_values
+from train_ato.control.mpc.predictive_plan import (
+    STOP,
+    ForceAhead,
+    NodeMotion,
+    PlanConstants,
+    PlannedNodes,
+    PlanReference,
+    PlanStart,
+    RelativeMotion,
+    bounds,
+    decide,
+    free_motion,
+    go_on,
+    node_values,
+)
 from train_ato.control.mpc.unit_deviations import UnitDeviations, filter_gain, regulator_gain
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.registry import LAWS
+from train_ato.control.train_model import Actuator
 from train_ato.studies.check_component import checking
 
 
@@ -113,23 +130,21 @@ def test_plan_without_constraints_has_the_gains_of_the_regulator():
     side = horizon_model(nodes, np.zeros(1), np.ones(1), 0.0, 0.0, omega=omega, position_share=share)
     found = []
     for position, velocity in ((1.0, 0.0), (0.0, 1.0)):
-        errors = np.array([position + velocity * nodes, velocity + 0.0 * nodes])
+        errors = NodeMotion(position + velocity * nodes, velocity + 0.0 * nodes)
         z, active = np.zeros(40), np.zeros(200, dtype=np.bool_)
-        gradients = (side.gradient_position, side.gradient_velocity)
-        allowed = np.full(200, 1e9)
-        decide(gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, active, z)
+        decide(side, errors, np.full(200, 1e9), active, z)
         found.append(-z[0])
     np.testing.assert_allclose(found, [share * omega**2, 2.0 * omega], rtol=0.05)
 
 
 def test_free_motion_and_motion_by_the_rate():
     """With one delay for both signs a brake acts too late; a wrong power differs from the integral of r' = -r/T."""
-    actuators = np.array([[1.0], [0.5], [1.0]])
+    actuators = records_of(Actuator, [Actuator(share=1.0, forward=1.0, backward=0.5)])
     sent = np.zeros((10, 1))
     sent[-1] = -1000.0  # arrives after 0.4 s, since it was sent 0.1 s ago
-    motion = np.zeros(4)
-    free_motion(motion, np.zeros(1), sent, np.zeros(11), actuators, 0.1, 0.0, 1000.0)
-    assert motion[1] == pytest.approx(-0.6)  # from 0.4 s to 1.0 s, as no later command replaces it
+    rest = RelativeMotion(0.0, 0.0, 0.0, 0.0)
+    motion = free_motion(rest, np.zeros(1), sent, np.zeros(11), actuators, 0.1, 0.0, 1000.0)
+    assert motion.speed_error == pytest.approx(-0.6)  # from 0.4 s to 1.0 s, as no later command replaces it
     step, position, speed, disturbance, rate = 1e-4, 0.0, 0.0, 0.0, 0.05
     for _ in range(20_000):
         position += step * speed
@@ -224,7 +239,8 @@ def test_forces_between_the_units_add_to_zero_and_damp():
     state = np.zeros(2 * n)
     state[n] = 0.5
     applied, sent = np.zeros(n), np.zeros((10, n))
-    actuators = np.array([of.delay, of.delay_brake, of.share])
+    actuators = zeros(Actuator, of.n_units)
+    actuators["share"], actuators["forward"], actuators["backward"] = of.share, of.delay, of.delay_brake
     decay = math.exp(-0.1 / of.lag)
     energies = []
     for _ in range(600):
@@ -462,19 +478,31 @@ def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
 
 def test_the_bounds_of_a_plan_by_hand():
     """Breaks if a change of force is one between other nodes: 20 kN before, 50, 90 and 60 kN at the nodes, 100 t."""
-    required, far, tables = np.array([10e3, 50e3, 90e3, 60e3]), np.full((2, 4), 1e9), (np.full(50, 200e3),) * 2
-    far[0] *= -1.0
-    allowed, zeros = np.zeros(28), np.zeros((2, 4))
-    bounds(
-        required, np.array([[0.0] * 4, [10.0] * 4]), np.array([[0.0, 12.0]]), np.array([0.0, -20.0, 0.5, 7.0]),
-        np.array([-100e3, 150e3]), zeros, (np.zeros((4, 1)), np.zeros(1)), np.zeros(3), tables, far, 100e3, 2.0,
-        np.full(4, 0.5), np.zeros(4), 0.25, 20e3, allowed,
+    required, zero, table, allowed = (
+        np.array([10e3, 50e3, 90e3, 60e3]),
+        np.zeros(4),
+        np.full(50, 200e3),
+        np.zeros((8, 4)),
+    )
+    constants = PlanConstants(
+        zero, steps=np.full(4, 0.5), passed=zero, parts=1, near=1, period=0.1, jerk=2.0, pole=1.0, lag=0.0,
+        stop_time=math.inf, stop_room=0.0, drag_slope=0.0, drag_curvature=0.0, front=0.0, rear=-20.0, overspeed=0.5,
+        limits=records_of(SpeedLimit, [SpeedLimit(at=0.0, speed=12.0)]),
     )  # fmt: skip
+    start = PlanStart(
+        required, RelativeMotion(0.0, 0.0, 0.0, 0.0), disturbance=0.0, passing=0.0, rise=0.25, feedforward=0.0,
+        last_force=0.0, force_min=-100e3, force_max=150e3, position_error=0.0, beyond_reference=0.0, inertia=100e3,
+        gain=1.0, air_brake_acts=False, departs=False,
+    )  # fmt: skip
+    limits = ForceAhead(table, table, np.full(4, -1e9), np.full(4, 1e9), position_error=7.0)
+    reference = PlanReference(NodeMotion(zero, np.full(4, 10.0)), required, 0.0, 10.0, 0.0, force=20e3)
+    found = PlannedNodes(zero, zero, zero, required.copy(), zero)
+    bounds(constants, start, NodeMotion(zero, zero), limits, reference, np.zeros((4, 1)), np.zeros(1), found, allowed)
     change = np.array([0.25, 0.3, 0.4, -0.3])
     expected = [(np.array([150e3, 200e3, 200e3, 200e3]) - required) / 100e3, (required + 200e3) / 100e3]
     expected[1][0] = (10e3 + 100e3) / 100e3
     expected += [2.0 * 0.5 - change, 2.0 * 0.5 + change, np.full(4, 2.5), np.full(4, 7.0), np.full(4, 7.0)]
-    np.testing.assert_allclose(allowed, np.concatenate(expected), rtol=1e-12)
+    np.testing.assert_allclose(allowed[:STOP], expected, rtol=1e-12)
 
 
 SPRING = {"kind": "linear", "stiffness": 10e6, "damping": 2e5}
@@ -654,13 +682,13 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
         n = plan.nodes.size
         rest = SimpleNamespace(position=zeros, velocity=zeros, acceleration=zeros, force_max=zeros[:0])
         start = PlanStart(
-            zeros, np.ones((2, n)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (-1e5, 1e5), 1.0, 0.0, of.inertia, 1.0, False,
-            False,
+            zeros, RelativeMotion(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, -1e5, 1e5, 1.0, 0.0, of.inertia, 1.0,
+            False, False,
         )  # fmt: skip
         plan.decide(start, rest, simulated=False)
         # By hand: 3 over two thirds of the wave impedance m/T_w, T_w = sqrt(m n/k), over the inertia.
         time = 4.5 * of.inertia * math.sqrt(of.mass * 101 / 10e6) / of.mass if waves else 0.0
-        assert (plan.allowed[7 * n :] < 0.0).tolist() == (plan.nodes >= time).tolist()
+        assert (plan.allowed[STOP] < 0.0).tolist() == (plan.nodes >= time).tolist()
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
 
 

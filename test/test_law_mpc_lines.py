@@ -10,14 +10,16 @@ from law_trains import model
 import train_ato as ta
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
+from plant_sim.record import records_of
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.train_identification import SLOWEST, WEAR, TrainIdentification
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters, worn
 from train_ato.control.laws.mpc import Mpc
 from train_ato.control.mpc.disturbance_lines import COUPLER, POSITION, RATE, LineSpectrum, add_line, periodic_response
 from train_ato.control.mpc.measured_motion import follow_simulation
+from train_ato.control.mpc.predictive_plan import RelativeMotion
 from train_ato.control.mpc.standstill_force import FREE, StandstillForce
-from train_ato.control.train_model import RELEASE_FORCE, TrainModel
+from train_ato.control.train_model import RELEASE_FORCE, Actuator, TrainModel
 
 PERIOD, LAG = 0.1, 0.4
 SCENARIO = "freight_consensus:realistic+delay_1_0"
@@ -116,7 +118,7 @@ def test_the_command_of_a_line_acts_a_delay_later():
     units, w, tick = _units(), 1.0, 0.1
     response, line = periodic_response(units, LAG, w), np.zeros((2, 5), np.complex128)
     line[0] = [0.1, -0.05j, 0.0, 0.0, 0.02]
-    actuators = np.array([np.full(5, 1.0), np.full(5, 1.0), np.full(5, 0.2)])
+    actuators = records_of(Actuator, [Actuator(share=0.2, forward=1.0, backward=1.0)] * 5)
     motion, sent, command = np.zeros((3, 5)), np.zeros((200, 5)), np.zeros(5)
     add_line(motion, sent, command, response, line, units.mass, w, LAG, actuators, tick, 1)
     force = np.zeros(5)
@@ -246,29 +248,29 @@ def test_range_of_the_force():
     """A wrong sign drives a train at its place, keeps one away from it, or brakes for the noise of standstill."""
     force, count = _force("xuzhou_metro_3")
     mass = 1e5
-    at_place, far = np.array([0.05, 0.0, 0.0, 0.0]), np.array([-0.5, 0.0, 0.0, 0.0])
+    at_place, far = RelativeMotion(0.05, 0.0, 0.0, 0.0), RelativeMotion(-0.5, 0.0, 0.0, 0.0)
     assert force.range(at_place, REST, mass, 0.0, at_rest=True) == (0.0, 0.0)
     assert force.range(at_place, REST, mass, 0.0, at_rest=False) == (-math.inf, 0.0)
     assert force.range(far, REST, mass, 0.0, at_rest=True) == FREE
-    slow = np.array([0.0, 0.04, 0.0, -0.3])
+    slow = RelativeMotion(0.0, 0.04, 0.0, -0.3)
     assert force.range(slow, REST, mass, -3e4, at_rest=False) == (count * RELEASE_FORCE,) * 2
-    assert force.range(np.array([0.0, 0.04, 0.0, 0.0]), REST, mass, 0.0, at_rest=False) == (-math.inf, 0.0)
-    assert force.range(np.array([0.0, 1.0, 0.0, -0.3]), (2.0, -0.5, 1.5), mass, -3e4, at_rest=False) == FREE
-    rolls = np.array([0.0, 0.0, 0.0, -0.3])
+    assert force.range(RelativeMotion(0.0, 0.04, 0.0, 0.0), REST, mass, 0.0, at_rest=False) == (-math.inf, 0.0)
+    assert force.range(RelativeMotion(0.0, 1.0, 0.0, -0.3), (2.0, -0.5, 1.5), mass, -3e4, at_rest=False) == FREE
+    rolls = RelativeMotion(0.0, 0.0, 0.0, -0.3)
     assert force.range(rolls, (0.0, 0.0, 0.1), mass, 0.0, at_rest=True) == (0.0, 0.0)
     low, high = force.range(rolls, (0.01, 0.1, 0.1), mass, 0.0, at_rest=True)
     assert low == pytest.approx(0.3 * mass / (1.0 - math.exp(-0.25))) and high == math.inf
-    hauls, _ = _force("hxd1_c80_105")
-    assert hauls.range(np.zeros(4), REST, 1e7, 0.0, at_rest=False) == (-math.inf, 0.0)
-    assert hauls.range(np.zeros(4), (0.04, -0.1, 0.0), 1e7, 0.0, at_rest=False) == (-math.inf, 0.0)
-    assert hauls.range(np.array([-0.01, 0.0, 0.0, 0.0]), (0.04, -0.1, 0.0), 1e7, 0.0, at_rest=False) == FREE
-    assert hauls.range(np.zeros(4), (0.06, -0.1, 0.0), 1e7, 0.0, at_rest=False) == FREE
-    assert hauls.range(np.zeros(4), REST, 1e7, 0.0, at_rest=True) == (0.0, 0.0)
-    assert hauls.range(np.zeros(4), (0.0, 0.0, 0.1), 1e7, 0.0, at_rest=True) == (0.0, 0.0)
-    assert hauls.range(np.zeros(4), (0.01, 0.1, 0.1), 1e7, 0.0, at_rest=True) == FREE
+    hauls, still = _force("hxd1_c80_105")[0], RelativeMotion(0.0, 0.0, 0.0, 0.0)
+    assert hauls.range(still, REST, 1e7, 0.0, at_rest=False) == (-math.inf, 0.0)
+    assert hauls.range(still, (0.04, -0.1, 0.0), 1e7, 0.0, at_rest=False) == (-math.inf, 0.0)
+    assert hauls.range(RelativeMotion(-0.01, 0.0, 0.0, 0.0), (0.04, -0.1, 0.0), 1e7, 0.0, at_rest=False) == FREE
+    assert hauls.range(still, (0.06, -0.1, 0.0), 1e7, 0.0, at_rest=False) == FREE
+    assert hauls.range(still, REST, 1e7, 0.0, at_rest=True) == (0.0, 0.0)
+    assert hauls.range(still, (0.0, 0.0, 0.1), 1e7, 0.0, at_rest=True) == (0.0, 0.0)
+    assert hauls.range(still, (0.01, 0.1, 0.1), 1e7, 0.0, at_rest=True) == FREE
     reverses, _ = _force("xuzhou_metro_3", reversing=True)
-    assert reverses.range(np.zeros(4), REST, 1e5, 0.0, at_rest=True) == FREE
-    beyond = np.array([3.0, 0.0, 0.0, -0.3])
+    assert reverses.range(still, REST, 1e5, 0.0, at_rest=True) == FREE
+    beyond = RelativeMotion(3.0, 0.0, 0.0, -0.3)
     for reference in (REST, (0.01, 0.1, 0.1)):
         assert force.limited([-1e4] * count, beyond, reference, 1e5, 0.0, at_rest=True) == [0.0] * count
         assert force.limited([-1e4] * count, beyond, reference, 1e5, 0.0, at_rest=False) == [-1e4] * count

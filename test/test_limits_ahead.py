@@ -14,6 +14,8 @@ from test_line_sections import driven, plain_line, railcar
 
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
+from plant_sim.line import SpeedLimit
+from plant_sim.record import records_of
 from train_ato.cli.main import main
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
 from train_ato.control.contract import LawPlan, Lookahead
@@ -33,7 +35,7 @@ def test_the_speed_limit_is_that_of_the_whole_train() -> None:
     ])  # fmt: skip
     consist = railcar()
     model = _model(consist, line)
-    limits = np.array([[limit.at, limit.speed] for limit in line.restricted_limits])
+    limits = records_of(SpeedLimit, line.restricted_limits)
     places = np.arange(60.05, 1000.0, 0.1)
     half = consist.vehicles[0].length / 2
     expected = [lowest_limit(limits, place + half, place + half - consist.length) for place in places]

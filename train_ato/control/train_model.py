@@ -99,6 +99,15 @@ def limits_of_all(limits: Array, segments: NDArray[np.int64], velocity: Array) -
     return found
 
 
+@dataclass
+class Actuator:
+    """Delays of one power unit."""
+
+    share: float = quantity("1", "part of a force of the train")
+    forward: float = quantity("s", "delay of a command forwards")
+    backward: float = quantity("s", "delay of a command backwards")
+
+
 @compiled
 def newest_arrived(sent: Array, unit: int, later: float, tick: float, forward: float, backward: float) -> float:
     """Return the newest command of a unit that has arrived ``later`` seconds from now [N]; the oldest if none has.

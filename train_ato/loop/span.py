@@ -17,7 +17,6 @@ from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.couplers import NO_COUPLERS
 from train_ato.control.caller import Caller, CallerStep
-from train_ato.control.compensation.base import Actuator
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.pade import Pade
 from train_ato.control.compensation.predictor import RIGID, PredictionConstants, Predictor
@@ -29,6 +28,7 @@ from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
+from train_ato.control.train_model import Actuator
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.loop import span_kernel as kernel
 from train_ato.loop.forecast import Forecast

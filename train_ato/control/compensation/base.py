@@ -15,6 +15,7 @@ from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.rigid import RigidForce, demand_ahead
 from train_ato.control.contract import NO_LOOKAHEAD, LawInput, Lookahead, Preview
+from train_ato.control.train_model import Actuator
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -39,15 +40,6 @@ class AlongProfile:
     begin: float = quantity("s", "time of the first force")
     spacing: float = quantity("s", "time between two forces")
     lag: float = quantity("s", "lag that the feed-forward compensates")
-
-
-@dataclass
-class Actuator:
-    """Delays of one power unit."""
-
-    share: float = quantity("1", "part of a force of the train")
-    forward: float = quantity("s", "delay of a command forwards")
-    backward: float = quantity("s", "delay of a command backwards")
 
 
 @compiled

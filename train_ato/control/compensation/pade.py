@@ -27,9 +27,10 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records
-from train_ato.control.compensation.base import Actuator, AlongProfile, CompensationBase
+from train_ato.control.compensation.base import AlongProfile, CompensationBase
 from train_ato.control.compensation.rigid import demand_ahead
 from train_ato.control.contract import NoParameters
+from train_ato.control.train_model import Actuator
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -33,12 +33,12 @@ from plant_sim.elementary import libm_exp, numpy_total, total_of_units
 from plant_sim.railway import between_entries
 from plant_sim.record import Records, quantity, zeros
 from train_ato.control.algorithms.coupled_units import CoupledUnits
-from train_ato.control.compensation.base import Actuator, UnitState
+from train_ato.control.compensation.base import UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters, mean_delay
 from train_ato.control.contract import LawInput, RefusedParameter, choice, flag, parameter
 from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
-from train_ato.control.train_model import newest_arrived
+from train_ato.control.train_model import Actuator, newest_arrived
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records
-from train_ato.control.compensation.base import Actuator, CompensationBase
+from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, flag, parameter
+from train_ato.control.train_model import Actuator
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:

@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum, total_of_units
+from plant_sim.record import zeros
 from train_ato.control.algorithms.coupler_modes import bandwidth_text
 from train_ato.control.algorithms.limits_ahead import limits_force, within_units
 from train_ato.control.algorithms.train_constants import default_bandwidth, train_class
@@ -48,13 +49,14 @@ from train_ato.control.contract import LawInput, LawPlan, flag, parameter
 from train_ato.control.gains import model_choice
 from train_ato.control.guard import GuardedLaw, is_valid
 from train_ato.control.mpc.actuator_identification import WRONG_MISFIT, ActuatorIdentification
-from train_ato.control.mpc.force_plan import PARTS, ForcePlan, PlanStart
+from train_ato.control.mpc.force_plan import PARTS, ForcePlan
 from train_ato.control.mpc.measured_motion import SIMULATED_SHARE, MeasuredMotion, follow_simulation
 from train_ato.control.mpc.motion_observer import SPEED_PRIOR, motion_by_rate
-from train_ato.control.mpc.predictive_plan import free_errors, free_motion
+from train_ato.control.mpc.predictive_plan import PlanStart, RelativeMotion, free_motion
 from train_ato.control.mpc.standstill_force import StandstillForce
 from train_ato.control.mpc.unit_deviations import UnitDeviations
 from train_ato.control.observers.force_balance import lag_weight
+from train_ato.control.train_model import Actuator
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -138,15 +140,17 @@ class Mpc(GuardedLaw):
     def _set_delays(self, factor: float) -> None:
         """Take the delays of the model times a factor: prediction, matrices and times of the lookahead."""
         model, p = self.model, self.parameters
-        self._actuators = np.array([factor * model.delay, factor * model.delay_brake, model.share])
-        self._ticks = math.ceil(float(self._actuators[:2].max()) / model.tick - 1e-9)
+        delays = np.array([factor * model.delay, factor * model.delay_brake])
+        self._actuators = zeros(Actuator, self.n)
+        self._actuators["share"], self._actuators["forward"], self._actuators["backward"] = model.share, *delays
+        self._ticks = math.ceil(float(delays.max()) / model.tick - 1e-9)
         self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
         after = self._ticks * model.tick + self._force_plan.times[1:]
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
-        self._effects = [[self._place(delay) for delay in pair] for pair in self._actuators[:2].T.tolist()]
+        self._effects = [[self._place(delay) for delay in pair] for pair in delays.T.tolist()]
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         share = SIMULATED_SHARE if self._simulated else p.position_share or self._class.position_share
-        self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
+        self._force_plan.set_delays(delays, self._ticks, self._entries, omega, share)
 
     def clear_state(self) -> None:
         """Clear observer, identification, plan and counts."""
@@ -228,7 +232,7 @@ class Mpc(GuardedLaw):
         required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
         forward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
         motion = self._motion_at_effect(inputs, sent, required[:count])
-        disturbance = self._add_rate(motion)
+        motion, disturbance = self._with_rate(motion)
         total = self._total_force(inputs, required, motion, disturbance, feedforward=plain_sum(forward), gain=gain)
         added = total - plain_sum(forward)
         wanted = [force + added * share for force, share in zip(forward, self.share, strict=True)]
@@ -238,47 +242,51 @@ class Mpc(GuardedLaw):
             wanted = [force + each for force, each in zip(wanted, more.tolist(), strict=True)]
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
-        force = float(required[effect] + inertia * (motion[3] - disturbance))
+        force = float(required[effect] + inertia * (motion.acceleration_error - disturbance))
         wanted = self._standstill.limited(wanted, motion, places, inertia, force, at_rest=self._motion.observer.stands)
         if self._sections and ahead.force_max.size:
             low, high = ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
             wanted = within_units(wanted, self.share, low, high)
         return [force / gain for force in wanted]
 
-    def _motion_at_effect(self, inputs: LawInput, sent: Array, required: Array) -> Array:
-        """Return errors of position and speed, disturbance and relative acceleration at the time of effect."""
+    def _motion_at_effect(self, inputs: LawInput, sent: Array, required: Array) -> RelativeMotion:
+        """Return the motion at the time of effect."""
         model, measured = self.model, self._motion
         disturbance = measured.unexplained - measured.beyond_reference / measured.inertia
-        motion = np.array([measured.observer.position_error, measured.observer.speed_error, disturbance, 0.0])
-        free_motion(
+        motion = RelativeMotion(measured.observer.position_error, measured.observer.speed_error, disturbance, 0.0)
+        later: RelativeMotion = free_motion(
             motion, inputs.applied, sent, required, self._actuators, model.tick, model.lag, measured.inertia
-        )  # fmt: skip
-        return motion
+        )
+        return later
 
-    def _add_rate(self, motion: Array) -> float:
-        """Add the rate of the disturbance to the motion at the time of effect; return d + Ta d' there [m/s²]."""
+    def _with_rate(self, motion: RelativeMotion) -> tuple[RelativeMotion, float]:
+        """Return the motion at the time of effect with the rate of the disturbance, and d + Ta d' there [m/s²]."""
         rate, longest = self._motion.observer.disturbance_rate, self._ticks * self.model.tick
         position, speed, risen, _ = motion_by_rate(rate, longest)
-        motion += position, speed, 0.0, risen
+        motion = RelativeMotion(
+            motion.position_error + position, motion.speed_error + speed, motion.disturbance,
+            motion.acceleration_error + risen,
+        )  # fmt: skip
         _, _, risen, rate = motion_by_rate(rate, longest + 0.5 * self.period)
-        return float(motion[2]) + risen + self.model.lag * rate
+        return motion, motion.disturbance + risen + self.model.lag * rate
 
     def _total_force(
-        self, inputs: LawInput, required: Array, motion: Array, disturbance: float, *, feedforward: float, gain: float
-    ) -> float:
+        self, inputs: LawInput, required: Array, motion: RelativeMotion, disturbance: float, *, feedforward: float,
+        gain: float,
+    ) -> float:  # fmt: skip
         """Return the total force of the plan for now [N]."""
-        lag, inertia, last = self.model.lag, self._motion.inertia, plain_sum(self._last_force)
-        errors = np.empty((2, self._force_plan.nodes.size))
-        free_errors(motion, self._force_plan.nodes, lag, errors[0], errors[1])
-        rise = (feedforward - required[self._ticks]) / inertia - motion[3]
-        if lag == 0.0:
+        inertia, last = self._motion.inertia, plain_sum(self._last_force)
+        rise = (feedforward - required.item(self._ticks)) / inertia - motion.acceleration_error
+        if self.model.lag == 0.0:
             rise = (feedforward - gain * last) / inertia - disturbance
         known = gain if abs(gain - 1.0) > WRONG_MISFIT else 1.0  # the misfit of a right model explains the rest
-        limits = gain * total_of_units(inputs.force_min), gain * total_of_units(inputs.force_max)
         start = PlanStart(
-            required, errors, disturbance, self._motion.passing, float(motion[3]), rise, feedforward, last, limits,
-            self._motion.observer.position_error, self._motion.beyond_reference, inertia, known,
-            inputs.train_shoe_force > 0.0, self._motion.observer.stands and not self._class.hauls,
+            required, motion, disturbance, passing=self._motion.passing, rise=rise, feedforward=feedforward,
+            last_force=last, force_min=gain * total_of_units(inputs.force_min),
+            force_max=gain * total_of_units(inputs.force_max), position_error=self._motion.observer.position_error,
+            beyond_reference=self._motion.beyond_reference, inertia=inertia, gain=known,
+            air_brake_acts=inputs.train_shoe_force > 0.0,
+            departs=self._motion.observer.stands and not self._class.hauls,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, simulated=self._simulated)
 

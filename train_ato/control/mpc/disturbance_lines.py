@@ -21,9 +21,10 @@ from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
+    from plant_sim.record import Records
     from train_ato.control.algorithms.coupled_units import CoupledUnits
     from train_ato.control.contract import LawInput
-    from train_ato.control.train_model import TrainModel
+    from train_ato.control.train_model import Actuator, TrainModel
     from train_ato.messages.types import Array
 
 
@@ -243,8 +244,7 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
     ``motion``, shape (3, units), is position [m], speed [m/s] and force [N], ``sent``, shape (d, units), the commands
     in flight [N], ``command`` those of the lines [N]. ``response`` is that of :func:`periodic_response`, ``line``,
     shape (2, units), disturbance and drift now [m/s², m/s]. ``mass`` in kg, ``frequency`` in rad/s, ``lag`` and
-    ``tick`` in s. ``actuators`` as in :func:`train_ato.control.mpc.predictive_plan.free_motion`. A command is held for
-    ``ticks``.
+    ``tick`` in s. A command is held for ``ticks``.
     """
     count, units = sent.shape
     for i in range(units):
@@ -259,7 +259,7 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
         demand = (1.0 + 1j * frequency * lag) * acting
         for row in range(count + 1):
             former = sent[min(row, count - 1), i] if count else 0.0
-            delay = actuators[1, i] if former < 0.0 else actuators[0, i]
+            delay = actuators[i].backward if former < 0.0 else actuators[i].forward
             periods = (count - row + ticks - 1) // ticks
             angle = frequency * (delay + (0.5 - periods) * ticks * tick)
             part = demand.real * libm_cos(angle) - demand.imag * libm_sin(angle)
@@ -324,12 +324,13 @@ class DisturbanceLines:
         """Return the frequencies in use [rad/s]."""
         return " ".join(f"{line.frequency:.3f}" for line in self._lines if line.used)
 
-    def step(self, inputs: LawInput, sent: Array, actuators: Array, *, trusted: bool) -> tuple[LawInput, Array]:
+    def step(
+        self, inputs: LawInput, sent: Array, actuators: Records[Actuator], *, trusted: bool
+    ) -> tuple[LawInput, Array]:
         """Take the measurements; return inputs and commands in flight without the lines.
 
-        The commands in flight, shape (d, units), have the oldest first [N]; ``actuators``, shape (3, units), is delay
-        in traction and braking [s] and share of the force. Without ``trusted`` the model of the actuators is wrong, and
-        the phase of a command is not known.
+        The commands in flight, shape (d, units), have the oldest first [N]. Without ``trusted`` the model of the
+        actuators is wrong, and the phase of a command is not known.
         """
         moves = float(np.abs(inputs.velocity).max()) > STANDSTILL_SPEED
         self._spectrum.step(inputs.t, self._sample(inputs) if moves else None)

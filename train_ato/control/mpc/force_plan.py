@@ -4,19 +4,32 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import exp_each, libm_exp, matrix_product
+from plant_sim.line import SpeedLimit
+from plant_sim.record import records_of
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
-from train_ato.control.mpc.predictive_plan import plan_step
+from train_ato.control.mpc.predictive_plan import (
+    CONSTRAINTS,
+    ForceAhead,
+    HorizonModel,
+    NodeMotion,
+    PlanConstants,
+    PlannedNodes,
+    PlanReference,
+    PlanStart,
+    RelativeMotion,
+    direct_plan_step,
+    free_errors,
+)
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
@@ -74,33 +87,6 @@ def ramp_response(t, lag):
     force = t - lag * (1.0 - libm_exp(-t / lag))
     speed = 0.5 * t * t - lag * force
     return force, speed, t * t * t / 6.0 - lag * speed
-
-
-class HorizonModel(NamedTuple):
-    """Matrices of the quadratic programme for one set of delays, stored by columns.
-
-    Attributes
-    ----------
-    gradient_position, gradient_velocity : Array, shape (nodes, nodes)
-        Gradient of the cost for unit errors e_p, e_v of the free motion.
-    response_position, response_velocity : Array, shape (nodes, nodes)
-        Errors at the times y_k for unit decisions.
-    inverse : Array, shape (nodes, nodes)
-        Inverse of the Hessian.
-    limited : Array, shape (nodes, rows)
-        H⁻¹ A', change of the decision with the multipliers.
-    dual : Array, shape (rows, rows)
-        A H⁻¹ A' and the softness.
-    """
-
-    gradient_position: Array
-    gradient_velocity: Array
-    response_position: Array
-    response_velocity: Array
-    inverse: Array
-    constraints: Array
-    limited: Array
-    dual: Array
 
 
 def horizon_model(
@@ -186,60 +172,6 @@ PASSING_TIME = 5.0
 """Time constant with which a passing disturbance decays in the limits ahead [s]."""
 
 
-@dataclass
-class PlanStart:
-    """Errors and forces from which a plan begins.
-
-    Attributes
-    ----------
-    required : Array
-        Total force that keeps the train on the reference, at the times of the lookahead [N].
-    errors : Array, shape (2, nodes)
-        Errors of position [m] and speed [m/s] of the free motion at the nodes.
-    disturbance : float
-        Acceleration that the force must compensate [m/s²].
-    passing : float
-        Part of it that does not last [m/s²].
-    gained : float
-        Error of the acceleration at the time of effect [m/s²].
-    rise : float
-        Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
-    feedforward, last_force : float
-        Total feed-forward and total force of the last command [N].
-    force_limits : tuple of float
-        Smallest and largest total force at the measured speed [N].
-    position_error : float
-        Estimated position error [m].
-    beyond_reference : float
-        Resistance at the measured state beyond that on the reference [N].
-    inertia : float
-        Estimated inertia [kg].
-    gain : float
-        Known gain of the actuators: the limits of the force ahead are those of the model times it.
-    air_brake_acts : bool
-        True while the air brake acts.
-    departs : bool
-        True for a train at standstill without hauled vehicles. It may reach the acceleration of the reference at once.
-        The largest jerk then applies only while it catches up.
-    """
-
-    required: Array
-    errors: Array
-    disturbance: float
-    passing: float
-    gained: float
-    rise: float
-    feedforward: float
-    last_force: float
-    force_limits: tuple[float, float]
-    position_error: float
-    beyond_reference: float
-    inertia: float
-    gain: float
-    air_brake_acts: bool
-    departs: bool
-
-
 class ForcePlan:
     """Decision about the total force under limits, with a warm start from the last one.
 
@@ -276,30 +208,32 @@ class ForcePlan:
         first = max(period, 0.1 / omega)
         self.nodes = node_times(first, max(lookahead, first * nodes), nodes)
         self.times = np.interp(np.arange(PARTS * (nodes - 1) + 1) / PARTS, np.arange(nodes), self.nodes)
-        self._models: dict[tuple[float, float, float], list[tuple[Array, ...]]] = {}
+        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
         self._tables = force_tables(model)
         self._no_tables = np.full_like(self._tables, MAX_FORCE)
         self._couplers = CouplerLimit(model, coupler_limit) if coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(nodes, axis=1)
-        self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._sections = limits_force(model.line)
         half = model.consist.vehicles[0].length / 2.0
-        self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
         stops = model.air_brake is None and not model.reversing
         self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE) if stops else math.inf
         steps = np.concatenate(([0.0 if model.lag else period], np.diff(self.nodes))) + model.lag
-        self._times = self.nodes, steps, 1.0 - exp_each(-self.nodes / PASSING_TIME)
-        pole = APPROACH * omega
-        self._near = int(np.searchsorted(self.nodes, 1.0 / pole))
-        self._rule = jerk, pole, float(model.lag > 0.0), self._stop_time, STOP_ROOM, *drag_slope(model), period
-        self.allowed = np.empty(8 * nodes)
+        pole, (slope, curvature) = APPROACH * omega, drag_slope(model)
+        self._constants = PlanConstants(
+            self.nodes, steps, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
+            near=int(np.searchsorted(self.nodes, 1.0 / pole)), period=period, jerk=jerk, pole=pole,
+            lag=model.lag, stop_time=self._stop_time, stop_room=STOP_ROOM, drag_slope=slope,
+            drag_curvature=curvature, front=half, rear=half - model.consist.length, overspeed=overspeed,
+            limits=records_of(SpeedLimit, model.line.restricted_limits),
+        )  # fmt: skip
+        self.allowed = np.empty((CONSTRAINTS, nodes))
         self.reset()
 
     def reset(self) -> None:
         """Forget the last plan and the counts."""
         self._plan = np.zeros(self.nodes.size)
-        self._active = np.zeros(8 * self.nodes.size, dtype=np.bool_)
+        self._active = np.zeros(self.allowed.size, dtype=np.bool_)
         self.failures = self.limited_steps = self.most_exchanges = 0
 
     def set_delays(self, delays: Array, ticks: int, entries: int, omega: float, share: float) -> None:
@@ -314,7 +248,7 @@ class ForcePlan:
             model, longest = self._model, ticks * self._model.tick
             solved = {"omega": omega, "position_share": share}
             self._models[key] = [
-                tuple(horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, **solved))
+                horizon_model(self.nodes, delay + 0.5 * self._period, model.share, model.lag, longest, **solved)
                 for delay in delays
             ]
         self._sides = self._models[key]
@@ -322,43 +256,45 @@ class ForcePlan:
     def decide(self, start: PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
         """Return the total force for now [N]; ``simulated`` for the deviation from a simulated train."""
         effect, first = self._ticks, self._entries - 1
-        reference = np.array([ahead.position[first::PARTS], ahead.velocity[first::PARTS]])
-        side = self._sides[int(start.last_force < 0.0)]
-        self._ends[3] = max(self._band, abs(start.position_error))
-        tables = self._tables if start.gain == 1.0 else start.gain * self._tables
+        nodes = NodeMotion(ahead.position[first::PARTS].copy(), ahead.velocity[first::PARTS].copy())
+        reference = PlanReference(
+            nodes, start.required[first:], ahead.position.item(effect), ahead.velocity.item(effect),
+            ahead.acceleration.item(effect), start.required.item(effect),
+        )  # fmt: skip
+        brake, traction = self._tables if start.gain == 1.0 else start.gain * self._tables
         if simulated and start.air_brake_acts:
-            tables = self._no_tables  # a brake that acts does not last, and the simulated train had these limits
-        found, low, high = np.empty((5, self.nodes.size)), *start.force_limits
-        exchanges, limited, at_brake_limit = plan_step(
-            side, self._times, (self._limits, self._ends, tables), self._force_range(reference, start.errors, ahead),
-            start.required, start.errors, reference,
-            (ahead.position.item(effect), ahead.velocity.item(effect), ahead.acceleration.item(effect)),
-            (start.disturbance, start.passing, start.gained, start.rise, start.feedforward, start.inertia, low, high,
-             start.beyond_reference),
-            (*self._rule, float(start.departs)), (first, effect, PARTS, self._near), self.allowed, self._active,
-            self._plan, found,
+            brake, traction = self._no_tables  # a brake that acts does not last, and the simulated train had its limits
+        low, high = self._force_range(nodes, start.motion, ahead)
+        limits = ForceAhead(brake, traction, low, high, max(self._band, abs(start.position_error)))
+        found = PlannedNodes(*np.empty((5, self.nodes.size)))
+        exchanges, limited, at_brake_limit = direct_plan_step()(
+            self._sides[int(start.last_force < 0.0)], self._constants, start, limits, reference, self.allowed,
+            self._active, self._plan, found,
         )  # fmt: skip
         self.failures += exchanges < 0
         self.most_exchanges = max(self.most_exchanges, exchanges)
         self.limited_steps += limited
         status = SOLVED if exchanges >= 0 else CONTINUED
-        self._decided = effect * self._model.tick + self.nodes, reference, found, status, at_brake_limit
+        self._decided = effect * self._model.tick + self.nodes, nodes, found, status, at_brake_limit
         return start.feedforward + start.inertia * (self._plan.item(0) - start.disturbance)
 
     def planned(self) -> LawPlan:
         """Return the plan of the last decision."""
-        times, reference, rows, status, at_brake_limit = self._decided
-        if at_brake_limit and self._stop_time < math.inf and reference[1, 0] != 0.0:
-            beyond = (rows[0] - reference[0])[reference[1] == 0.0].max(initial=0.0)
+        times, reference, plan, status, at_brake_limit = self._decided
+        if at_brake_limit and self._stop_time < math.inf and reference.velocity[0] != 0.0:
+            beyond = (plan.position - reference.position)[reference.velocity == 0.0].max(initial=0.0)
             if beyond > KEPT:
                 status = f"{status}, {PASSES} {beyond:.1f} m"  # only then the force is the reason
-        return LawPlan(times, rows[0], rows[1], rows[3], rows[2], status)
+        return LawPlan(times, plan.position, plan.velocity, plan.force, plan.excess, status)
 
-    def _force_range(self, reference: Array, errors: Array, ahead: Lookahead) -> Array:
+    def _force_range(self, reference: NodeMotion, motion: RelativeMotion, ahead: Lookahead) -> Array:
         """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
         within = self._unbounded
         if self._couplers is not None:
-            within = self._couplers.force_range(*(reference + errors))
+            errors: NodeMotion = free_errors(motion, self.nodes, self._model.lag)
+            within = self._couplers.force_range(
+                reference.position + errors.position, reference.velocity + errors.velocity
+            )
             if self._model.air_brake is not None:
                 within[0, 1:] = -np.inf  # as the envelopes, the couplers do not limit its later brake forces
         if not self._sections or not ahead.force_max.size:

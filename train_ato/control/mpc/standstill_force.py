@@ -10,8 +10,8 @@ from train_ato.control.algorithms.train_constants import train_class
 from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED
 
 if TYPE_CHECKING:
+    from train_ato.control.mpc.predictive_plan import RelativeMotion
     from train_ato.control.train_model import TrainModel
-    from train_ato.messages.types import Array
 
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""
@@ -50,7 +50,7 @@ class StandstillForce:
         self._rolls_out = False
 
     def limited(
-        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], inertia: float,
+        self, wanted: list[float], motion: RelativeMotion, reference: tuple[float, float, float], inertia: float,
         force: float, *, at_rest: bool,
     ) -> list[float]:  # fmt: skip
         """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`.
@@ -63,31 +63,36 @@ class StandstillForce:
         return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
     def range(
-        self, motion: Array, reference: tuple[float, float, float], inertia: float, force: float, *, at_rest: bool
+        self,
+        motion: RelativeMotion,
+        reference: tuple[float, float, float],
+        inertia: float,
+        force: float,
+        *,
+        at_rest: bool,
     ) -> tuple[float, float]:
         """Return the smallest and largest total force [N]; the train is ``at_rest`` if it is at standstill now.
 
-        ``motion`` is the errors of position [m] and speed [m/s], disturbance and error of the acceleration [m/s²] at
-        the time of effect, ``force`` the total force then [N]. ``reference`` is speed [m/s] and acceleration [m/s²]
-        then, and the speed a node later. ``inertia`` is the mass with rotating parts [kg].
+        ``motion`` is that at the time of effect, ``force`` the total force then [N]. ``reference`` is speed [m/s] and
+        acceleration [m/s²] then, and the speed a node later. ``inertia`` is the mass with rotating parts [kg].
         """
         now, _, later = reference
         if self._hauls:
             if at_rest and now == 0.0:
                 return 0.0, 0.0
-            ends = now == 0.0 or (now < STANDSTILL_SPEED and float(motion[0]) >= 0.0)
+            ends = now == 0.0 or (now < STANDSTILL_SPEED and motion.position_error >= 0.0)
             return (-math.inf, 0.0) if ends and later <= now else FREE
         if self._reversing:
             return FREE
-        speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
+        speed, acceleration = now + motion.speed_error, reference[1] + motion.acceleration_error
         self._rolls_out = self._rolls_out and later <= now and not at_rest
-        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (at_rest or later == 0.0)
+        waits = now == 0.0 and abs(motion.position_error) < STOP_WINDOW and (at_rest or later == 0.0)
         if waits and at_rest:
             return 0.0, 0.0
         if later > now:
             if not at_rest or acceleration > -ROLL_BACK:
                 return FREE
-            return force - inertia * float(motion[3]) / self._gained, math.inf
+            return force - inertia * motion.acceleration_error / self._gained, math.inf
         if not at_rest and speed > 0.0 and self._lag > 0.0:
             enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)
             if enough and acceleration < -LAST_DECELERATION:

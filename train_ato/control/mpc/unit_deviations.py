@@ -18,8 +18,9 @@ from train_ato.control.train_model import newest_arrived
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
+    from plant_sim.record import Records
     from train_ato.control.contract import LawInput
-    from train_ato.control.train_model import TrainModel
+    from train_ato.control.train_model import Actuator, TrainModel
 
 
 MAX_STEPS = 50000
@@ -101,8 +102,8 @@ def commands_due(sent, actuators, tick, due):
     ----------
     sent : Array, shape (d, units)
         Commands sent, oldest first [N].
-    actuators : Array, shape (3, units)
-        Delay in traction and braking [s], share of the force.
+    actuators : Records of Actuator, shape (units,)
+        Delays of the units.
     tick
         s.
     due : Array, shape (ticks, units)
@@ -110,7 +111,7 @@ def commands_due(sent, actuators, tick, due):
     """
     for k in range(due.shape[0]):
         for i in range(due.shape[1]):
-            due[k, i] = newest_arrived(sent, i, (k + 0.5) * tick, tick, actuators[0, i], actuators[1, i])
+            due[k, i] = newest_arrived(sent, i, (k + 0.5) * tick, tick, actuators[i].forward, actuators[i].backward)
 
 
 class UnitDeviations:
@@ -155,11 +156,10 @@ class UnitDeviations:
         self._slow: Array = np.zeros(n)
         self._applied: Array = np.zeros(n)
 
-    def forces(self, inputs: LawInput, sent: Array, actuators: Array, ticks: int) -> list[float]:
+    def forces(self, inputs: LawInput, sent: Array, actuators: Records[Actuator], ticks: int) -> list[float]:
         """Return the added force of every unit [N]; their sum is 0.
 
-        The commands in flight, shape (d, units), have the oldest first [N]; ``actuators``, shape (3, units), is delay
-        in traction and braking [s] and share of the force. The longest delay has ``ticks``.
+        The commands in flight, shape (d, units), have the oldest first [N]. The longest delay has ``ticks``.
         """
         state = self._estimate(inputs)
         applied, n = inputs.applied, self._units.n
