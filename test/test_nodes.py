@@ -422,6 +422,13 @@ def test_a_stamp_that_echoes_no_measurement_is_named_once(stamp, shown):
     assert answers.refusal(Command(2 * TICK, np.zeros(1)), 4 * TICK) == ""
 
 
+def test_the_answers_of_a_lost_node_are_not_counted():
+    """Breaks if the end of the run counts messages that no line above it names."""
+    answers = TickAnswers(_unsupervised(2))
+    answers.lose(Role.CONTROLLER)
+    assert not answers.take(Command(TICK, np.zeros(1)), expected=True) and answers.ignored == 0
+
+
 @pytest.mark.parametrize(
     ("stamps", "came", "due"),
     [

@@ -103,7 +103,9 @@ class TickAnswers:
         """
         kind = type(answer)
         newer = answer.stamp > self.stamps[kind] or (again and answer.stamp == self.stamps[kind])
-        if kind in self._lost or not expected or not newer:
+        if kind in self._lost:  # the failure names its node
+            return False
+        if not expected or not newer:
             self.ignored += 1
             self._unused[kind] = answer.stamp
             return False
