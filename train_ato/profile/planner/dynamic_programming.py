@@ -15,7 +15,7 @@ changes of this file only.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,12 +45,26 @@ class Resolution:
     points: int
 
 
-@dataclass(frozen=True, slots=True)
-class EnergyWeights:
+class EnergyWeights(NamedTuple):
     """Cost of traction work, and gain of electric-brake work: 1 / efficiency and recovered share [1]."""
 
     traction: float = 1.0
     recovered: float = 0.0
+
+
+class ServiceLimits(NamedTuple):
+    """Service acceleration and deceleration [m/s²]."""
+
+    acceleration: float
+    deceleration: float
+
+
+class StepRange(NamedTuple):
+    """E by electric braking, by coasting within the deceleration limit, and by coasting alone, at the end of a step."""
+
+    low: float
+    slow: float
+    coast: float
 
 
 class CoarseGrid:
@@ -150,7 +164,7 @@ def switching_curve(
     prices = np.broadcast_to(np.asarray(price, dtype=np.float64), grid.steps.shape).copy()
     traction, electric = _curves(
         energies, grid.top, grid.floor, grid.line_mean, grid.air, grid.steps, grid.table, spacing,
-        (grid.service, grid.deceleration), prices, (weights.traction, weights.recovered),
+        ServiceLimits(grid.service, grid.deceleration), prices, weights,
     )  # fmt: skip
     return grid.places, traction, electric
 
@@ -183,24 +197,21 @@ def _value_slope(values: Array, energies: Array, energy: float) -> Any:
 
 @compiled
 def _cost(
-    price: float, step: float, speed: float, end: float, range_: tuple[float, float, float],
-    weights: tuple[float, float], values: Array, energies: Array,
+    price: float, step: float, speed: float, end: float, range_: StepRange,
+    weights: EnergyWeights, values: Array, energies: Array,
 ) -> Any:  # fmt: skip
-    """Return the cost of a step to the energy ``end``: net energy, price x time, and the value there.
-
-    ``range_`` are the E by electric braking, by coasting within the deceleration limit, and by coasting alone.
-    """
+    """Return the cost of a step to the energy ``end``: net energy, price x time, and the value there."""
     if end <= 0.0:
         return UNREACHABLE
     low, slow, coast = range_
-    work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
+    work = weights.traction * max(end - coast, 0.0) - weights.recovered * min(max(slow - end, 0.0), slow - low)
     return work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, energies, end)
 
 
 @compiled
 def _least_cost(
-    price: float, step: float, speed: float, ends: tuple[float, float], range_: tuple[float, float, float],
-    weights: tuple[float, float], values: Array, energies: Array, speeds: Array,
+    price: float, step: float, speed: float, ends: tuple[float, float], range_: StepRange,
+    weights: EnergyWeights, values: Array, energies: Array, speeds: Array,
 ) -> Any:  # fmt: skip
     """Return the least cost of a step to an energy between two ends; ``speeds`` are those of the energies [m/s]."""
     first, spacing = energies[0], energies[2] - energies[1]
@@ -208,13 +219,13 @@ def _least_cost(
         _cost(price, step, speed, ends[0], range_, weights, values, energies),
         _cost(price, step, speed, ends[1], range_, weights, values, energies),
     )
-    if ends[0] < range_[1] < ends[1]:
-        best = min(best, _cost(price, step, speed, range_[1], range_, weights, values, energies))
+    if ends[0] < range_.slow < ends[1]:
+        best = min(best, _cost(price, step, speed, range_.slow, range_, weights, values, energies))
     low, slow, coast = range_
     lowest, highest = int((ends[0] - first) / spacing) + 1, int((ends[1] - first) / spacing)
     for q in range(max(lowest, 1), min(highest, energies.size - 1) + 1):
         end = energies[q]
-        work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
+        work = weights.traction * max(end - coast, 0.0) - weights.recovered * min(max(slow - end, 0.0), slow - low)
         best = min(best, work + price * 2.0 * step / (speed + speeds[q]) + values[q])
     return min(best, UNREACHABLE)
 
@@ -233,26 +244,27 @@ def _marginal_cost(
 
 @compiled
 def _step_range(
-    energy: float, place: float, step: float, line: float, table: Array, service: tuple[float, float], recovered: float
+    energy: float, place: float, step: float, line: float, table: Array, service: ServiceLimits, recovered: float
 ) -> Any:  # fmt: skip
-    """Return the E at the end of a step by traction, and those of ``range_`` in :func:`_cost`."""
+    """Return the E at the end of a step by traction, and those at its end without traction."""
     j = min(int(place), table.shape[1] - 2)
     pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
     drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
     brake = table[ELECTRIC, j] + (place - j) * (table[ELECTRIC, j + 1] - table[ELECTRIC, j])
-    slow = energy - step * min(service[1], drag + line)
-    low = min(energy - step * min(service[1], brake + line), slow) if recovered > 0.0 else slow
-    return energy + step * min(service[0], pull - line), (low, slow, energy - step * (drag + line))
+    slow = energy - step * min(service.deceleration, drag + line)
+    low = min(energy - step * min(service.deceleration, brake + line), slow) if recovered > 0.0 else slow
+    coast = energy - step * (drag + line)
+    return energy + step * min(service.acceleration, pull - line), StepRange(low, slow, coast)
 
 
 @compiled
 def _curves(
     energies: Array, top: Array, floor: Array, line_mean: Array, air: Array, steps: Array, table: Array,
-    speed_step: float, service: tuple[float, float], prices: Array, weights: tuple[float, float],
+    speed_step: float, service: ServiceLimits, prices: Array, weights: EnergyWeights,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
+    """Return both switching curves."""
     n, m = steps.size, energies.size
-    spacing, gap = energies[1], weights[0] - weights[1]
+    spacing, gap = energies[1], weights.traction - weights.recovered
     ahead, here = energies.copy(), energies.copy()
     speeds = np.sqrt(2.0 * energies)
     values, new, marginal, ends = np.zeros(m), np.empty(m), np.empty(2 * m), np.empty(2 * m)
@@ -269,21 +281,20 @@ def _curves(
                 continue
             energy = min(max(here[i], 0.0), top[k])
             speed = np.sqrt(2.0 * energy)
-            fast, range_ = _step_range(
-                energy, speed / speed_step, step, line_mean[k] + 2.0 * air[k] * energy, table, service, weights[1]
-            )
+            line = line_mean[k] + 2.0 * air[k] * energy
+            fast, range_ = _step_range(energy, speed / speed_step, step, line, table, service, weights.recovered)
             low, slow, coast = range_
             fast = min(fast, ceiling)
             end = fast if fast > slow else min(slow, ceiling)  # braking to the ceiling, or no traction
             if k == n - 1 and ceiling <= 0.0:  # the stop
-                new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
-                new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
+                new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights.traction * max(-coast, 0.0)
+                new[i] -= weights.recovered * min(max(slow, 0.0), slow - low)
             elif low < end:
                 new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, ahead, speeds)
             else:
                 new[i] = _cost(price, step, speed, end, range_, weights, values, ahead)
             if slow < ceiling:
-                marginal[free] = _marginal_cost(price, step, speed, slow, weights[0], values, ahead)
+                marginal[free] = _marginal_cost(price, step, speed, slow, weights.traction, values, ahead)
                 ends[free] = slow
                 free += 1
             new[i] += MISSED_SPEED * max(floor[k] - energy, 0.0)
@@ -295,7 +306,7 @@ def _curves(
             for i in range(1, m - 1):
                 if ends[free - 1] + 0.1 * spacing < ahead[i] < ceiling:
                     marginal[free] = _marginal_cost(
-                        price, step, np.sqrt(2.0 * top[k]), ahead[i], weights[0], values, ahead
+                        price, step, np.sqrt(2.0 * top[k]), ahead[i], weights.traction, values, ahead
                     )
                     ends[free] = ahead[i]
                     free += 1

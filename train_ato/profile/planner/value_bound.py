@@ -38,14 +38,14 @@ cache detects changes of this file only.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import plain_dot, plain_sum
 from train_ato.messages.types import Array
-from train_ato.profile.planner.dynamic_programming import EnergyWeights, Resolution
+from train_ato.profile.planner.dynamic_programming import EnergyWeights, Resolution, ServiceLimits
 from train_ato.profile.planner.passes import BRAKE, COAST, ELECTRIC, TRACTION, durations
 from train_ato.profile.planner.section import PlanSection, energy_weights
 from train_ato.profile.planner.train_tables import SPEED_STEP
@@ -54,6 +54,24 @@ RESISTANCE, PULL, STOPPING, RECOVERING = range(4)
 """Rows of the table: resistance, largest traction, whole brake, electric brake [m/s²]."""
 MIN_RATE = 0.02
 """Least rise and fall of E of a coasting train that is assumed, against a large curvature of the time [m/s²]."""
+
+
+class RunRates(NamedTuple):
+    """Largest rise and fall of E of a run without brake work, of one without traction work, and excess of E of it."""
+
+    driven_rise: float
+    driven_fall: float
+    braked_rise: float
+    braked_fall: float
+    excess: float
+
+
+class Chord(NamedTuple):
+    """Resistance at an E [m/s²], its decrease per E below [1/m], and the span of E for which it holds."""
+
+    resistance: float
+    slope: float
+    span: float
 
 
 @compiled
@@ -90,18 +108,16 @@ def _braking_rate(table: Array, energy: float, reach: float, line: float, servic
 
 @compiled
 def _step_value(
-    end: float, energy: float, h: float, line: float, price: float, gap: float, weights: tuple[float, float],
-    rates: tuple[float, float, float, float, float], drag: tuple[float, float, float], electric: float,
+    end: float, energy: float, h: float, line: float, price: float, gap: float, weights: EnergyWeights,
+    rates: RunRates, drag: Chord, electric: float,
 ) -> Any:  # fmt: skip
-    """Return the cost of a run through a slab to an E, from below; ``drag``: at E, its decrease and span of E.
-
-    ``rates`` are the largest rise and fall of E of a run without brake work, of one without traction work, and the
-    excess of E of the latter.
-    """
-    resistance = drag[0] - drag[1] * min(max(energy - end, 0.0), drag[2])
+    """Return the cost of a run through a slab to an E, from below; ``drag`` is that at the E before it."""
+    resistance = drag.resistance - drag.slope * min(max(energy - end, 0.0), drag.span)
     work = end - energy + h * (resistance + line)
-    cost = weights[0] * max(work, 0.0) - weights[1] * min(max(-work, 0.0), h * electric)
-    up, down, excess = (rates[0], rates[1], 0.0) if work >= 0.0 else (rates[2], rates[3], rates[4])
+    cost = weights.traction * max(work, 0.0) - weights.recovered * min(max(-work, 0.0), h * electric)
+    up, down, excess = rates.braked_rise, rates.braked_fall, rates.excess
+    if work >= 0.0:
+        up, down, excess = rates.driven_rise, rates.driven_fall, 0.0
     rise = min(max((end - energy + down * h) / (up + down), 0.0), h)
     fall = h - rise
     mean = ((energy + 0.5 * up * rise) * rise + (end + 0.5 * down * fall) * fall) / h + excess
@@ -114,18 +130,18 @@ def _step_value(
 
 
 @compiled
-def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[float, float, float]) -> Any:
+def _end_of_work(work: float, energy: float, h: float, line: float, drag: Chord) -> Any:
     """Return the E at the end of a slab after traction less brake work."""
-    lack = h * (drag[0] + line) - work
+    lack = h * (drag.resistance + line) - work
     if lack <= 0.0:
         return energy - lack
-    part = min(lack, drag[2] * (1.0 + h * drag[1]))  # the chord of the resistance falls over its span
-    return energy - part / (1.0 + h * drag[1]) - (lack - part)
+    part = min(lack, drag.span * (1.0 + h * drag.slope))  # the chord of the resistance falls over its span
+    return energy - part / (1.0 + h * drag.slope) - (lack - part)
 
 
 @compiled
 def _run_rates(
-    energy: float, gap: float, h: float, line: Array, price: float, weights: tuple[float, float],
+    energy: float, gap: float, h: float, line: Array, price: float, weights: EnergyWeights,
     extreme: tuple[float, float], table: Array, width: float,
 ) -> Any:  # fmt: skip
     """Return the rates of :func:`_step_value`, and the largest fall of E in a slab below both of its ends.
@@ -138,28 +154,28 @@ def _run_rates(
     i = _number(lowest, width) - 1
     if lowest > 0.0 and i >= 0:
         steepest = (table[RESISTANCE, i + 1] - table[RESISTANCE, i]) / ((i + 0.5) * width**2)
-        gain = price * h / (2.0 * lowest) ** 1.5 + weights[0] * h * steepest
-        if gain < weights[0] - weights[1]:
+        gain = price * h / (2.0 * lowest) ** 1.5 + weights.traction * h * steepest
+        if gain < weights.traction - weights.recovered:
             least = _at(table[RESISTANCE], lowest, width, size - 1)
             most = _at(table[RESISTANCE], energy + gap + h * up, width, size - 1)
             most = max(most, table[RESISTANCE, min(_number(energy + gap + h * up, width) + 1, size - 1)])
             rising, falling = max(-least - line[0], MIN_RATE), max(most + line[2], MIN_RATE)
             rising, falling, excess = min(rising, up), min(falling, down), h * (most - least)
             dip = max(up * falling / (up + falling), rising * down / (rising + down)) * h + excess
-            return (up, falling, rising, down, excess), dip
-    return (up, down, up, down, 0.0), dip
+            return RunRates(up, falling, rising, down, excess), dip
+    return RunRates(up, down, up, down, 0.0), dip
 
 
 @compiled
 def _point_value(
     energy: float, h: float, line: Array, price: float, width: float, ceiling: float, table: Array,
-    service: tuple[float, float], weights: tuple[float, float], steepest: float, values: Array, last: int,
+    service: ServiceLimits, weights: EnergyWeights, steepest: float, values: Array, last: int,
 ) -> Any:  # fmt: skip
     """Return the least value of the runs through a slab from an E."""
     gap = (_number(energy + h * steepest, width) + 2) * width**2
-    down = _braking_rate(table, energy, h * steepest + gap, line[2], service[1], width)
+    down = _braking_rate(table, energy, h * steepest + gap, line[2], service.deceleration, width)
     pull = _largest(table[PULL], energy - h * down - gap, energy + h * steepest + gap, width)
-    up = max(min(service[0], pull - table[RESISTANCE, 0] - line[0]), 1e-6)
+    up = max(min(service.acceleration, pull - table[RESISTANCE, 0] - line[0]), 1e-6)
     rates, dip = _run_rates(energy, gap, h, line, price, weights, (up, down), table, width)
     low_from = max(energy - gap - dip, 0.0)
     low_to = max(low_from - h * down, 0.0)
@@ -167,11 +183,13 @@ def _point_value(
     slope = (drag - _at(table[RESISTANCE], low_to, width, table.shape[1] - 1)) / span if span > 0.0 else 0.0
     pull = _largest(table[PULL], low_from, energy + h * up + gap, width)
     rate = pull - drag - line[1]
-    fast = energy + h * min(service[0], rate) if rate > 0.0 else min(energy, energy + h * (rate + slope * span))
+    fast = (
+        energy + h * min(service.acceleration, rate) if rate > 0.0 else min(energy, energy + h * (rate + slope * span))
+    )
     fast = max(min(fast, ceiling + gap), -gap)
     low = min(max(energy - h * down, -gap), fast)
     electric = _largest(table[RECOVERING], energy - h * down - gap, energy + gap, width)
-    chord = (drag, slope, span)
+    chord = Chord(drag, slope, span)
     coast = _end_of_work(0.0, energy, h, line[1], chord)
     brake = _end_of_work(-h * electric, energy, h, line[1], chord)
     best = np.inf
@@ -227,8 +245,8 @@ def _continue_chord(values: Array, first: int, width: float) -> None:
 
 @compiled
 def least_value(
-    steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: tuple[float, float],
-    ends: tuple[float, float], price: float, weights: tuple[float, float],
+    steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: ServiceLimits,
+    ends: tuple[float, float], price: float, weights: EnergyWeights,
 ) -> Any:  # fmt: skip
     """Return a lower bound of the least energy + price x time from the begin to the end.
 
@@ -252,7 +270,7 @@ def least_value(
     size, table = open_table.shape[1], open_table.copy()
     values, lowered = np.zeros(size), np.zeros(size)
     for j in range(size):
-        values[j] = weights[0] * max(ends[1] - 0.5 * (j * width) ** 2, 0.0)
+        values[j] = weights.traction * max(ends[1] - 0.5 * (j * width) ** 2, 0.0)
     top, last = ends[1], size - 1
     pull, brake = table[PULL].max(), table[STOPPING].max()
     for k in range(steps.size - 1, -1, -1):
@@ -260,11 +278,10 @@ def least_value(
         for j in range(size):
             table[RESISTANCE, j] = open_table[RESISTANCE, j] + air[k] * (j * width) ** 2
         drag = table[RESISTANCE].max()
-        steepest = max(
-            min(service[0], pull - force[0]), min(service[1], brake + drag + force[2]), drag + force[2], 1e-6
-        )
+        fall = min(service.deceleration, brake + drag + force[2])
+        steepest = max(min(service.acceleration, pull - force[0]), fall, drag + force[2], 1e-6)
         _lower_by_bends(values, last, h * steepest, width, lowered)
-        down = _braking_rate(table, top, h * steepest, force[2], service[1], width)
+        down = _braking_rate(table, top, h * steepest, force[2], service.deceleration, width)
         higher = min(limit[k], top + h * down)
         number = min(max(_number(higher, width) + 1, 1), size - 1)
         for j in range(number + 1):
@@ -367,9 +384,9 @@ def _value_of(section: PlanSection, size: Resolution, weights: EnergyWeights) ->
     limit = np.minimum(np.maximum(*limits) ** 2 / 2, highest[border])
     width = float(np.sqrt(2.0 * limit.max())) / size.points
     table = _table(free.tables.rates, width, size.points + 3)
-    service = settings.acceleration or np.inf, settings.deceleration or np.inf
-    ends, factors = (free.begin_speed**2 / 2, free.end_speed**2 / 2), (weights.traction, weights.recovered)
-    return lambda price: float(least_value(steps, line, air, limit, table, width, service, ends, price, factors))
+    service = ServiceLimits(settings.acceleration or np.inf, settings.deceleration or np.inf)
+    ends = free.begin_speed**2 / 2, free.end_speed**2 / 2
+    return lambda price: float(least_value(steps, line, air, limit, table, width, service, ends, price, weights))
 
 
 def _table(rates: Array, width: float, count: int) -> Array:
