@@ -67,6 +67,14 @@ def test_a_law_that_raises_fails_the_run_by_name(tmp_path, monkeypatch, capsys):
     assert "boom" in (out / "log" / "controller.traceback.txt").read_text()
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_plant_that_diverges_fails_a_run_without_a_log():
+    """Breaks if such a run returns metrics that are not numbers, as its only word."""
+    failure = run_engine(setup_of("demo", {"plant.mismatch.mass_scale": 0.001, "duration": 20})).failure
+    said = "the position of the train is not finite; shorten step, or mend masses and draft gears"
+    assert failure == f"node plant failed: {said}"
+
+
 def test_a_broken_package_of_somebody_else_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if one law that cannot be loaded makes the list, or a run with another law, impossible."""
     monkeypatch.setitem(LAWS._targets, "gone", "no_such_package:Law")

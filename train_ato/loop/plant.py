@@ -285,8 +285,17 @@ class PlantStage:
         return self._speed < STANDSTILL
 
     def conclude(self) -> PlantTruth:
-        """Return the state after the last tick."""
-        return PlantTruth(*self._truth(self.stamp, self.train.observe(), self.diagnostic()))
+        """Return the state after the last tick.
+
+        Raises
+        ------
+        ValueError
+            If it is not finite; a run without a log has no other check of it.
+        """
+        seen = self.train.observe()
+        if not np.isfinite(seen.vehicles.position).all():
+            raise ValueError("the position of the train is not finite; shorten step, or mend masses and draft gears")
+        return PlantTruth(*self._truth(self.stamp, seen, self.diagnostic()))
 
     def _truth(self, stamp: int, seen: Observation, diagnostics: Diagnostic | None) -> Truth:
         """Return the messages of :class:`PlantTruth`; None for a missing air brake and without disturbances."""
