@@ -1,5 +1,6 @@
 """Output of the command line: help, hints, lists, comparisons, plain text, full numbers, JSON, units of display."""
 
+import argparse
 import csv
 import importlib
 import json
@@ -7,6 +8,7 @@ import os
 import re
 import subprocess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -27,6 +29,7 @@ from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
 from train_ato.judge.verdict import verdict_line
+from train_ato.program.arguments import declare_options
 from train_ato.program.display_units import displayed_in, shown_data, shown_table, shown_text, stored_units
 from train_ato.report.plan_figure import shown_per
 from train_ato.report.quantities import axis_title, style_of
@@ -220,6 +223,18 @@ def test_every_completed_argument_exists() -> None:
         command.declare()
         found |= {action.dest for action in command._actions}
     assert set(completion.NAMES) <= found
+
+
+@pytest.mark.parametrize("slip", ["--out DIR new folder", "--ouT DIR  new folder"])
+def test_a_slip_in_the_options_of_a_docstring_is_an_error(slip: str) -> None:
+    """Breaks if an option is lost without a word, because its line has no gap or its settings have another name."""
+    module = ModuleType("command", f"Do it.\n\nOptions::\n\n    run RUN  folder\n    {slip}\n")
+    vars(module)["OPTIONS"] = {"--out": {"required": True}}
+    with pytest.raises(RuntimeError, match=r"command: .*--out"):
+        declare_options(argparse.ArgumentParser(), module)
+    module.__doc__, module.__file__ = None, "/gone/command.py"
+    with pytest.raises(ValueError, match=r"/gone/command.py: .* use -O$"):
+        declare_options(argparse.ArgumentParser(), module)
 
 
 NAMES = sorted({name for entries in catalogue().values() for name in entries})

@@ -5,7 +5,7 @@ Options::
     source SCENARIO|RUN  one scenario to repeat, or folders of recorded runs
     --law NAME           control law: a name, or MODULE:CLASS without registration
     --observer           and --compensation, --seed, --set: changes of the scenario
-    --runs N             number of repeated runs (default: 5)
+    --runs N             number of repeated runs (default: {runs})
     --gust-shift S       largest random shift of the disturbances that are functions of time, new in every run
                          (default: 0)
     --spacing M          distance between the values (default: %(default)g)
@@ -29,6 +29,7 @@ OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shi
 OPTIONS: Options = {
     "source": {"nargs": "+"},
     "--observer": add_change_options,
+    "--runs": {"words": {"runs": RUNS}},
     "--spacing": {"default": SPACING},
     "--memory": {"default": MEMORY},
     "--out": {"required": True},

@@ -8,7 +8,7 @@ Options::
     --engine           plain Python loop without ROS, same log
     --processes        one process for each node (default: all nodes in one)
     --restart          with --processes: restart a node whose process ends
-    --restart-limit N  restarts of each node, then the run fails (default: 3)
+    --restart-limit N  restarts of each node, then the run fails (default: {limit})
     --external NODE    wait for a program of yours in place of this node: controller, observer, profile, supervisor or
                        plant
     --rate             simulated seconds per second of wall time
@@ -58,6 +58,7 @@ OPTIONS: Options = {
     "--observer": add_change_options,
     "--engine": {"one_of": "mode"},
     "--processes": {"one_of": "mode"},
+    "--restart-limit": {"words": {"limit": LIMIT}},
     "--rate": add_rate,
     "--no-lockstep": add_no_lockstep,
     "--compression": add_compression,

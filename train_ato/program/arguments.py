@@ -143,12 +143,12 @@ def add_option(parser: argparse._ActionsContainer, form: str, text: str, **setti
 
 Options = Mapping[str, Mapping[str, Any] | Callable[[argparse.ArgumentParser], object]]
 """Settings of options by their first name, or the function that declares an option of several commands."""
-_OPTION = re.compile(r"^ {4}(\S.*?) {2,}(\S.*(?:\n {5,}\S.*)*)", re.MULTILINE)
-"""Line of a docstring with an option: its form, two spaces or more, its help; lines further right continue the help."""
 
 
 def declare_options(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """Declare the options that the docstring of a module has: indented lines with form and help.
+    """Declare the options below ``Options::`` in the docstring of a module: form, two spaces or more, help.
+
+    Lines with eight spaces or more continue the help.
 
     Parameters
     ----------
@@ -158,12 +158,26 @@ def declare_options(parser: argparse.ArgumentParser, module: ModuleType) -> None
         Module of the command. Its ``OPTIONS`` have what the docstring does not have, as for :func:`add_option`. Beside
         that ``one_of`` is the name of a group of options that exclude each other (``required``: one of them is),
         ``group`` the title of a group in the help, and ``words`` the values in the braces of a help.
+
+    Raises
+    ------
+    ValueError
+        If Python leaves docstrings out, and the source of the module cannot be read.
+    RuntimeError
+        For a line without its two spaces, and for settings of an option that the docstring does not have.
     """
-    settings: Options = vars(module).get("OPTIONS", {})
-    text = module.__doc__ or ast.get_docstring(ast.parse(getsource(module)), clean=False)  # under python -OO
+    settings = dict(vars(module).get("OPTIONS", {}))
+    try:
+        text = module.__doc__ or ast.get_docstring(ast.parse(getsource(module)), clean=False)  # under python -OO
+    except OSError:
+        raise ValueError(f"{module.__file__}: python -OO reads the options there; add this file, or use -O") from None
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for form, meaning in _OPTION.findall(text or ""):
-        given = settings.get(re.split("[ ,]", form)[0], {})
+    block = (text or "").partition("\nOptions::\n\n")[2].partition("\n\n")[0]
+    for entry in re.split(r"\n {,7}(?=\S)", "\n" + block.rstrip())[1:]:
+        form, _, meaning = entry.partition("  ")
+        if "\n" in form or not meaning:
+            raise RuntimeError(f"{module.__name__}: write two spaces before the help: {entry}")
+        given = settings.pop(re.split("[ ,]", form)[0], {})
         if callable(given):
             given(parser)
             continue
@@ -178,6 +192,8 @@ def declare_options(parser: argparse.ArgumentParser, module: ModuleType) -> None
         if words := given.pop("words", {}):
             meaning = meaning.format(**words)
         add_option(place, form, re.sub(r"%(?!\()", "%%", meaning), **given)
+    if settings:
+        raise RuntimeError(f"{module.__name__}: settings without an option in the docstring: {', '.join(settings)}")
 
 
 def add_rate(parser: argparse.ArgumentParser) -> None:
