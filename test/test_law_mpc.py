@@ -692,6 +692,14 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
 
 
+@pytest.mark.parametrize("nodes", [4, 5])
+def test_a_speed_limit_is_approached_at_a_node_of_the_plan(nodes):
+    """Breaks if a plan that is shorter than the approach reads the memory after its nodes; each run differs."""
+    of = _hauled([("engine", 1)], SPRING)
+    plan = ForcePlan(of, 0.1, omega=0.1, lookahead=1.0, nodes=nodes, jerk=1.0, overspeed=0.1, coupler_limit=0.0)
+    assert plan._constants.near == nodes - 1
+
+
 def test_gain_is_a_part_of_the_wave_impedance():
     """The two locomotives at the front act on one side; at both ends each has its own half of the train."""
     front = _hauled([("engine", 2), ("wagon", 100)], SPRING)

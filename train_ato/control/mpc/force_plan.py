@@ -222,7 +222,7 @@ class ForcePlan:
         pole, (slope, curvature) = APPROACH * omega, drag_slope(model)
         self._constants = PlanConstants(
             self.nodes, steps, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
-            near=int(np.searchsorted(self.nodes, 1.0 / pole)), period=period, jerk=jerk, pole=pole,
+            near=int(np.searchsorted(self.nodes[:-1], 1.0 / pole)), period=period, jerk=jerk, pole=pole,
             lag=model.lag, stop_time=self._stop_time, stop_room=STOP_ROOM, drag_slope=slope,
             drag_curvature=curvature, front=half, rear=half - model.consist.length, overspeed=overspeed,
             limits=records_of(SpeedLimit, model.line.restricted_limits),

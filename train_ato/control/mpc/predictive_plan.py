@@ -87,7 +87,7 @@ class PlanConstants(NamedTuple):
         Nodes [s], time from the former node plus the lag, through which a command changes the force [s], and part of a
         passing disturbance that has decayed.
     parts, near : int
-        Steps of the required force between two nodes, and node up to which a speed limit is approached.
+        Steps of the required force between two nodes, and the last node up to which a speed limit is approached.
     period, jerk : float
         Control period [s] and largest jerk [m/s³].
     lag, pole : float
