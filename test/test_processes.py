@@ -182,6 +182,21 @@ def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
     wait_for(lambda: not shared_memory.abandoned())
 
 
+@pytest.mark.graph
+def test_ctrl_c_while_the_nodes_load_is_no_failure_of_a_node(setup, tmp_path, monkeypatch):
+    """Breaks if the plant, which Python ends while it loads, is named as the reason of an interrupted run."""
+
+    class Struck(NodeProcess):
+        def __init__(self, started, *rest):
+            super().__init__(started, *rest)
+            for process in (self.process.pid, os.getpid()) if started is Role.PLANT else ():
+                os.kill(process, signal.SIGINT)
+
+    monkeypatch.setattr(processes, "NodeProcess", Struck)
+    outcome = run_graph(setup, tmp_path, mode="processes")
+    assert outcome.failure is None and outcome.summary["status"] == "interrupted"
+
+
 @pytest.fixture
 def hanging(tmp_path, monkeypatch):
     """Give the function that starts a node whose process hangs after the counts that it prints."""

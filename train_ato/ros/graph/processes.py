@@ -70,7 +70,9 @@ def run_processes(
             shared_memory.clean()
     if (end.failure or "").endswith(REMEDY):
         raise ValueError((end.failure or "").partition(" failed: ")[2])
-    end.failure = None if _work_done(nodes, setup) else end.failure and with_stop(end.failure, nodes)
+    unborn = interrupt.asked and not nodes[Role.PLANT].counts  # Python itself ends a node that loads
+    done = _work_done(nodes, setup) or (unborn and any(n.process.returncode == -signal.SIGINT for n in nodes.values()))
+    end.failure = None if done else end.failure and with_stop(end.failure, nodes)
     _collect(nodes, end, options.external)
     by_node = nodes[Role.PLANT].interruption
     end.interruption = interrupt.reason(end.ticks, setup.ticks) if interrupt.asked else by_node
