@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
-from train_ato.papers import paper_packages
+from train_ato.papers import paper_packages, paper_runs
 from train_ato.papers.claims import (
     Bound,
     Calculation,
@@ -258,6 +258,14 @@ def test_every_paper_is_consistent(number: str) -> None:
     assert all(isinstance(table, CaseTable) for table in paper.tables)
     columns = {"002": (p002.LAWS, p002.DELAYS), "003": (p003.LAWS, ("nominal",)), "004": (p004.LAWS, p004.TRAINS)}
     assert {f"{law} {column}" for law, column in product(*columns.get(number, ((), ())))} <= set(paper.cases)
+
+
+def test_a_run_of_a_paper_that_is_named_twice_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the later of two runs with one name replaces the earlier without a word."""
+    (tmp_path / "cases.yaml").write_text("laws: {}\nprinted_forms: []\nsingle:\n" + "  a: {scenario: demo}\n" * 2)
+    monkeypatch.setattr(paper_runs, "files", lambda package: tmp_path)
+    with pytest.raises(ValueError, match="line 5: key 'a' is repeated"):
+        paper_runs.read_paper_runs("papers")
 
 
 def test_an_unknown_paper_is_refused_by_name() -> None:

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-import yaml
-
+from plant_sim.data_text import parse_yaml
 from train_ato.papers.checks import PrintedForm
 from train_ato.papers.claims import Case
 
@@ -36,7 +35,7 @@ class PaperRuns(NamedTuple):
 
 def read_paper_runs(package: str) -> PaperRuns:
     """Read the file of a paper in its package."""
-    data = yaml.safe_load((files(package) / "cases.yaml").read_text(encoding="utf-8"))
+    data = parse_yaml((files(package) / "cases.yaml").read_text(encoding="utf-8"))
     return PaperRuns(
         {key: (label, changes) for key, (label, changes) in data["laws"].items()},
         {key: (label, variants) for key, (label, variants) in data.get("trains", {}).items()},
