@@ -46,7 +46,6 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.compression import COMPRESSIONS, DEFAULT
 from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.log.run_folder import RunFolder
-from train_ato.log.compression import DEFAULT
 from train_ato.log.log_writer import LogFile
 from train_ato.loop.engine import run_engine
 from train_ato.scenario.setup import RunSetup, prepare

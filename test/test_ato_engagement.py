@@ -111,6 +111,9 @@ def test_an_engagement_beyond_the_last_stop_is_refused_at_once() -> None:
         ato.request("engage")
     go_on(loop, 4.0)
     assert (ato.machine.state, ato.machine.reason) == (AtoState.FAILURE, NOTHING_LEFT)
+    loop.controller.foreign_profile, ato.last_stop = True, np.inf
+    loop.controller.set_profile(loop.profile.profile)
+    assert ato.last_stop == np.inf  # another program can plan on from there
 
 
 def test_the_ways_of_running_agree_over_a_disengagement(tmp_path: Path) -> None:

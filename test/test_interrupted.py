@@ -176,10 +176,13 @@ def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> N
         assert out == ""
 
 
-@pytest.mark.parametrize(("program", "traced"), [("bin/train-ato", False), ("plant_node", False), ("mine.py", True)])
+@pytest.mark.parametrize(
+    ("program", "traced"), [("bin/train-ato", False), ("-m", False), ("plant_node", False), ("mine.py", True)]
+)
 def test_ctrl_c_while_a_command_loads_has_no_traceback(program: str, traced: bool) -> None:
     """Breaks if Ctrl-C in the first imports prints a traceback, or a program that uses the package loses it."""
-    code = f"import signal, sys; sys.argv = ['{program}']; import train_ato; signal.raise_signal(signal.SIGINT)"
+    words = f"sys.argv, sys.orig_argv = ['{program}'], ['python', '-m', 'train_ato']"
+    code = f"import signal, sys; {words}; import train_ato; signal.raise_signal(signal.SIGINT)"
     done = python("-c", code)
     assert (done.returncode, "KeyboardInterrupt" in done.stderr) == (-signal.SIGINT, traced)
 

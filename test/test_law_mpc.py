@@ -38,6 +38,7 @@ from train_ato.control.mpc.force_plan import ForcePlan, horizon_model, node_time
 from train_ato.control.mpc.measured_motion import MOTION, MeasuredMotion, ModalObserver
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
 from train_ato.control.mpc.predictive_plan import (
+    RISE,
     STOP,
     ForceAhead,
     NodeMotion,
@@ -690,6 +691,9 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
         time = 4.5 * of.inertia * math.sqrt(of.mass * 101 / 10e6) / of.mass if waves else 0.0
         assert (plan.allowed[STOP] < 0.0).tolist() == (plan.nodes >= time).tolist()
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
+        for departs in (False, True):  # from standstill the jerk limits only what is more than the reference
+            plan.decide(start._replace(rise=9.0, departs=departs), rest, simulated=False)
+            assert plan.allowed[RISE, 0] == (0.0 if departs else of.lag or 0.1) - 9.0 * (not departs)
 
 
 @pytest.mark.parametrize("nodes", [4, 5])

@@ -141,6 +141,10 @@ def test_a_node_that_is_killed_after_its_last_message_fails_no_run(commands, sta
     counts = {topic.name: 6000 for topic in topics_of(setup.layout)} | {"ato/command": commands}
     nodes[Role.RECORDER].counts |= {f"recorded {topic}": [count] for topic, count in counts.items()}
     assert processes._work_done(nodes, setup) is done
+    nodes[Role.CONTROLLER].failure, nodes[Role.RECORDER].failure = None, "killed"
+    nodes[Role.RECORDER].process = SimpleNamespace(returncode=-9)
+    del nodes[Role.RECORDER].counts["ignored"]
+    assert not processes._work_done(nodes, setup)
 
 
 @pytest.mark.graph

@@ -401,6 +401,7 @@ def test_other_tags_are_unknown_and_those_of_the_core_schema_are_read() -> None:
         ("end_km: 12,5", r"input should be a number, not text; write 12.5 with a decimal point"),
         ("stops: [{at: 8:15}]", "input should be a number, not text"),
         ("end_km: 1e308", r"end_km = 1e\+308: input should be between -1e\+15 and 1e\+15; correct it"),
+        ("begin_km: -1e308", r"begin_km = -1e\+308: input should be between -1e\+15"),
         ("stops: [{at: 9, name: 12}]", "input should be text; write it in quotes"),
         ("neutral_sections: [{begin: 1, end: 2, electric_brake: yes}]", "input should be true or false"),
     ],
