@@ -691,7 +691,7 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
         time = 4.5 * of.inertia * math.sqrt(of.mass * 101 / 10e6) / of.mass if waves else 0.0
         assert (plan.allowed[STOP] < 0.0).tolist() == (plan.nodes >= time).tolist()
         assert 0 < np.count_nonzero(plan.nodes < time) < n or not waves
-        for departs in (False, True):  # from standstill the jerk limits only what is more than the reference
+        for departs in (False, True):  # the jerk limits no departure
             plan.decide(start._replace(rise=9.0, departs=departs), rest, simulated=False)
             assert plan.allowed[RISE, 0] == (0.0 if departs else of.lag or 0.1) - 9.0 * (not departs)
 
