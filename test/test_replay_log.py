@@ -12,6 +12,7 @@ import pytest
 from commands import answer
 from engine_runs import record_run, setup_of
 from matplotlib.image import imread
+from mcap.records import Channel
 from mcap.writer import CompressionType, Writer
 from refusals import one_line
 from report_runs import without
@@ -22,7 +23,7 @@ from train_ato.log.log_writer import RunLog
 from train_ato.log.mcap_records import stream
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
-from train_ato.playback.log import ReplayLog, ReplayOptions, chosen_topics, parse_remap
+from train_ato.playback.log import ReplayLog, ReplayOptions, _described, chosen_topics, parse_remap
 from train_ato.playback.open_loop import replay_open_loop
 from train_ato.playback.playback import Playback, ReplayClock
 from train_ato.playback.publishing import note_far_stamp
@@ -126,6 +127,13 @@ def test_what_stands_at_a_moment_is_what_a_late_joiner_would_get(log, tick, prof
     assert sum(message.channel.topic == "/ato/limits" for message in found) == 1
     kept = log.standing({**depths, "/ato/profile": 1}, EPOCH_NS + tick * TICK)
     assert [m.publish_ns - EPOCH_NS for m in kept if m.channel.topic == "/ato/profile"] == [profiles[-1] * TICK]
+
+
+@pytest.mark.parametrize(("depth", "kept"), [(0, 10), (7, 7), (2**64 - 1, 2**31 - 1)])
+def test_the_depth_of_a_topic_is_one_that_a_publisher_can_have(depth: int, kept: int) -> None:
+    """Breaks if a replay of a log with an unlimited depth ends with a traceback."""
+    channel = Channel(1, "/a", "cdr", {"offered_qos_profiles": f"[{{depth: {depth}}}]"}, 1)
+    assert _described(channel, "std_msgs/msg/String", 1).depth == kept
 
 
 def other(path: Path, **options) -> Path:

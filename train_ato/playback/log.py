@@ -250,13 +250,15 @@ def _described(channel: Channel, type_name: str, count: int) -> LogTopic:
         type_name,
         # rosbag2 writes names; versions before Iron write the numbers of the rmw
         offered.get("durability") in ("transient_local", 1),
-        depth if isinstance(depth, int) and depth > 0 else 10,
+        min(depth, MOST) if isinstance(depth, int) and depth > 0 else 10,
         channel.message_encoding,
         count,
     )
 
 
 CLOCK = "/clock"
+MOST = 2**31 - 1
+"""Largest depth of a publisher of ROS 2."""
 
 
 @dataclass(frozen=True)

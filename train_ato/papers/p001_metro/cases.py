@@ -14,11 +14,12 @@ INERTIA = 192_170.0
 """Mass including rotating masses [kg]."""
 SWEEP = (0.2, 0.5, 0.75)
 """Delays between those of the table [s]."""
-FAST_PHI = 1.0
-RATE = 0.6
-"""Surface [m/s] and learning rate of the paper, per sample, of the corrected network with an ideal actuator."""
 ESO = {"observer": "eso", "observers": {"eso": {"omega": 3.0}}}
 LAWS, TRAINS, SINGLE, PRINTED_FORMS = read_paper_runs(__package__)
+_FAST = SINGLE["ideal rbf fast no noise 10 ms"].changes
+FAST_PHI = _FAST["laws"]["rbf_switching_smc"]["phi"]
+RATE = _FAST["laws"]["rbf_switching_smc"]["eta"] * _FAST["tick"]
+"""Surface [m/s] and learning rate of the paper, per sample, of the corrected network with an ideal actuator."""
 
 
 def _observed(law: str, variant: str, **more: Any) -> Case:
