@@ -327,7 +327,9 @@ def test_every_path_of_foxglove_gives_numbers(case: str, viewer: str, run_of_cas
     """Breaks if a path names a topic, a field or a vehicle that is not in the log: its plot stays empty."""
     # Studio 1.87, the last open version, has no multiplication: a path with one gives no value there.
     messages = contents(run_of_case(case))
-    layout = json.loads(written(run_of_case(case), tmp_path, viewer).read_text(encoding="utf-8"))
+    text = written(run_of_case(case), tmp_path, viewer).read_text(encoding="utf-8")
+    assert "null" not in text, "a value of page.foxglove.json that no run fills"
+    layout = json.loads(text)
     panels = layout["configById"]
     paths = [series for panel in panels.values() for series in panel.get("paths", ())]
     values = [path["value"] for path in paths] + [panel["path"] for panel in panels.values() if "path" in panel]
