@@ -20,12 +20,14 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import scipy.sparse as sp
 
 import train_ato as ta
-from train_ato.control.mpc.predictive_plan import decide
+from train_ato.control.mpc.force_plan import ForcePlan
+from train_ato.control.mpc.predictive_plan import PlanStart, decide, free_errors
 
 TOLERANCE = 1e-6
 """Absolute tolerance of the iterative solvers."""
@@ -36,32 +38,28 @@ Solution = tuple[float, int, bool]
 def record(scenario: str) -> list[Problem]:
     """Return the problems with an active limit of a run, in order."""
     problems: list[Problem] = []
-    mpc: Any = import_module("train_ato.control.laws.mpc")
-    solve = mpc.decide
+    decided = ForcePlan.decide
 
-    def recording(*arguments: Any) -> int:
-        gradients, inverse, limited, dual, rows, errors, allowed, active, _ = arguments
-        before = active.copy()
-        exchanges = int(solve(*arguments))
-        if active.any():
-            matrices = (gradients, inverse, limited, dual, rows)
-            problems.append({"matrices": matrices, "errors": errors.copy(), "b": allowed.copy(), "active": before})
-        return exchanges
+    def recording(plan: Any, start: PlanStart, ahead: Any, *, simulated: bool) -> float:
+        before = plan._active.copy()
+        force = decided(plan, start, ahead, simulated=simulated)
+        if plan._active.any():
+            side = plan._sides[int(start.last_force < 0.0)]
+            errors = free_errors(start.motion, plan.nodes, plan._model.lag)
+            problems.append({"side": side, "errors": errors, "b": plan.allowed.ravel().copy(), "active": before})
+        return force
 
-    mpc.decide = recording
-    try:
+    with patch.object(ForcePlan, "decide", recording):
         ta.run(scenario, law="mpc", compensation="none", progress=True)
-    finally:
-        mpc.decide = solve
     return problems
 
 
 def programme(problem: Problem) -> tuple[Any, Any, Any, Any]:
     """Return P, q, G and h of min 1/2 x'Px + q'x, G x <= h, with x = (z, s)."""
-    gradients, inverse, _, dual, rows = problem["matrices"]
-    hessian = np.linalg.inv(inverse)
-    softness = dual - rows @ inverse @ rows.T
-    force = -gradients[0] @ problem["errors"][0] - gradients[1] @ problem["errors"][1]
+    side, errors = problem["side"], problem["errors"]
+    rows, hessian = side.constraints, np.linalg.inv(side.inverse)
+    softness = side.dual - rows @ side.inverse @ rows.T
+    force = -side.gradient_position @ errors.position - side.gradient_velocity @ errors.velocity
     quadratic = sp.block_diag((0.5 * (hessian + hessian.T), np.linalg.inv(0.5 * (softness + softness.T))), format="csc")
     constraints = sp.hstack((sp.csc_matrix(rows), -sp.identity(rows.shape[0])), format="csc")
     return quadratic, np.concatenate((-force, np.zeros(rows.shape[0]))), constraints, problem["b"]
@@ -69,9 +67,9 @@ def programme(problem: Problem) -> tuple[Any, Any, Any, Any]:
 
 def own(problem: Problem) -> Solution:
     """Solve by the law; the time includes the response to the errors."""
-    z = np.zeros(problem["errors"].shape[1])
+    z = np.zeros(problem["errors"].position.size)
     active = problem["active"].copy()
-    exchanges = decide(*problem["matrices"], problem["errors"], problem["b"], active, z)
+    exchanges = decide(problem["side"], problem["errors"], problem["b"], active, z)
     return float(z[0]), exchanges, exchanges >= 0
 
 
@@ -116,7 +114,7 @@ def osqp_solutions(problems: list[Problem]) -> Iterator[Callable[[], Solution]]:
     solvers: dict[int, Any] = {}
     for problem in problems:
         quadratic, linear, constraints, upper = problem["programme"]
-        key = id(problem["matrices"][1])
+        key = id(problem["side"])
         if key not in solvers:
             solvers[key] = osqp.OSQP()
             solvers[key].setup(
