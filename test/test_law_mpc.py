@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -696,12 +697,26 @@ def test_a_stop_is_a_constraint_only_while_the_waves_have_time():
             assert plan.allowed[RISE, 0] == (0.0 if departs else of.lag or 0.1) - 9.0 * (not departs)
 
 
+@pytest.mark.parametrize(("train", "departs"), [([("engine", 2)], True), ([("engine", 1), ("wagon", 12)], False)])
+def test_only_a_train_without_hauled_vehicles_departs_beyond_the_largest_jerk(train, departs):
+    """Breaks if the waves of hauled vehicles are excited by a departure without a limit of the jerk."""
+    starts, decide_force = [], ForcePlan.decide
+
+    def noted(plan, start, ahead, *, simulated):
+        starts.append(start.departs)
+        return decide_force(plan, start, ahead, simulated=simulated)
+
+    with patch.object(ForcePlan, "decide", noted):
+        own_run(train, SPRING, duration=2)
+    assert starts[0] is departs
+
+
 @pytest.mark.parametrize("nodes", [4, 5])
 def test_a_speed_limit_is_approached_at_a_node_of_the_plan(nodes):
     """Breaks if a plan that is shorter than the approach reads the memory after its nodes; each run differs."""
     of = _hauled([("engine", 1)], SPRING)
     plan = ForcePlan(of, 0.1, omega=0.1, lookahead=1.0, nodes=nodes, jerk=1.0, overspeed=0.1, coupler_limit=0.0)
-    assert plan._constants.near == nodes - 1
+    assert plan.constants.near == nodes - 1
 
 
 def test_gain_is_a_part_of_the_wave_impedance():

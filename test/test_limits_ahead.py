@@ -19,6 +19,7 @@ from plant_sim.record import records_of
 from train_ato.cli.main import main
 from train_ato.control.algorithms.limits_ahead import LimitsAhead, limits_at_nodes, within_units
 from train_ato.control.contract import LawPlan, Lookahead
+from train_ato.control.mpc.force_plan import ForcePlan
 from train_ato.control.mpc.predictive_plan import lowest_limit
 from train_ato.control.registry import load_class
 from train_ato.loop.engine import run_engine
@@ -40,6 +41,8 @@ def test_the_speed_limit_is_that_of_the_whole_train() -> None:
     half = consist.vehicles[0].length / 2
     expected = [lowest_limit(limits, place + half, place + half - consist.length) for place in places]
     assert LimitsAhead(model).speed_limit(places).tolist() == expected and len(set(expected)) == 4
+    plan = ForcePlan(model, 0.1, omega=0.1, lookahead=60.0, nodes=8, jerk=1.0, overspeed=0.0, coupler_limit=0.0)
+    assert (plan.constants.front, plan.constants.rear) == (half, half - consist.length)
 
 
 def test_limits_and_forces_without_entries_of_the_line() -> None:

@@ -194,6 +194,8 @@ class ForcePlan:
 
     Attributes
     ----------
+    constants : PlanConstants
+        Constants of all plans.
     nodes, times : Array
         Times of the nodes, and those with ``PARTS`` steps between two nodes, after the time of effect [s].
     failures, limited_steps, most_exchanges : int
@@ -220,7 +222,7 @@ class ForcePlan:
         self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE) if stops else math.inf
         steps = np.concatenate(([0.0 if model.lag else period], np.diff(self.nodes))) + model.lag
         pole, (slope, curvature) = APPROACH * omega, drag_slope(model)
-        self._constants = PlanConstants(
+        self.constants = PlanConstants(
             self.nodes, steps, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
             near=int(np.searchsorted(self.nodes[:-1], 1.0 / pole)), period=period, jerk=jerk, pole=pole,
             lag=model.lag, stop_time=self._stop_time, stop_room=STOP_ROOM, drag_slope=slope,
@@ -268,7 +270,7 @@ class ForcePlan:
         limits = ForceAhead(brake, traction, low, high, max(self._band, abs(start.position_error)))
         found = PlannedNodes(*np.empty((5, self.nodes.size)))
         exchanges, limited, at_brake_limit = direct_plan_step()(
-            self._sides[int(start.last_force < 0.0)], self._constants, start, limits, reference, self.allowed,
+            self._sides[int(start.last_force < 0.0)], self.constants, start, limits, reference, self.allowed,
             self._active, self._plan, found,
         )  # fmt: skip
         self.failures += exchanges < 0
