@@ -721,6 +721,16 @@ def test_plan_and_linear_program_alone_are_near_an_independent_optimum(monkeypat
     assert 0.97 * 11.291 <= net_energy_bound(on_falls_to_a_limit(1.3, 11.290)) / 3.6e6 <= 11.291
 
 
+def test_the_bound_has_both_service_limits_of_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if acceleration and deceleration are exchanged: the bound is then 113 times the energy of the plan."""
+    monkeypatch.setattr(energy_bound, "energy_lower_bound", lambda *_: 0.0)
+    monkeypatch.setattr(value_bound, "FIRST", Resolution(100, 150))
+    monkeypatch.setattr(value_bound, "LAST", Resolution(200, 300))
+    settings = OF_MASS_POINT.model_copy(update={"acceleration": 0.2, "deceleration": 1.0})
+    result = timetabled(line_of(2000), settings, 1.15)
+    assert 0.9 * result.energy <= net_energy_bound(result) <= result.energy
+
+
 def test_each_of_the_two_bounds_alone_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the value of a price of time loses a term, or the linear program: it is 12 % below this plan."""
     result = short_section(2, 1.15)
