@@ -304,11 +304,12 @@ def test_every_stop_has_its_error_and_its_delay() -> None:
     assert figures["arrival_delay_max_s"] == pytest.approx(3.0, abs=setup.tick)
 
 
-def test_a_train_that_moves_before_its_departure_has_arrived_once() -> None:
-    """Breaks if a train that departs early and halts once more has the arrival of this halt, a dwell late."""
+@pytest.mark.parametrize(("begin", "end"), [(0.8, 0.2), (3.0, 1.2), (2.0, -1.0)])
+def test_a_train_that_moves_before_its_departure_has_arrived_once(begin: float, end: float) -> None:
+    """Breaks if a train that departs early has no arrival, or that of one more short halt, a dwell late."""
     setup = two_stops()
     run, first = on_profile(setup, late=3.0, beyond=0.0), planned_stops(setup.profile)[0]
-    early = (run.time > first.departure - 0.8) & (run.time < first.departure - 0.2)
+    early = (run.time > first.departure - begin) & (run.time < first.departure - end)
     moved = with_series(run, front_velocity=np.where(early, 0.02, run.front_velocity))
     assert stops_of_run(setup, moved)[0].as_row()["delay_s"] == pytest.approx(3.0, abs=setup.tick)
 

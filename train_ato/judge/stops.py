@@ -97,8 +97,9 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
         else:
             # A law with a preview departs before the reference moves, and may halt once more within this time.
             rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
-            if speed[rows - 1] >= STANDSTILL_SPEED:
-                rows = int(np.searchsorted(time, stop.departure, side="right"))
+            departure = int(np.searchsorted(time, stop.departure, side="right"))
+            left = _end_of_rest(time, speed[:departure], stop.arrival)
+            rows = min(rows, left) if left else departure if speed[rows - 1] >= STANDSTILL_SPEED else rows
             position, final_speed = float(recording.front_position[rows - 1]), float(speed[rows - 1])
         at_rest = abs(final_speed) < STANDSTILL_SPEED
         yield StopResult(
@@ -108,6 +109,14 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             arrival=_begin_of_rest(time, speed[:rows]) if at_rest else None,
             direction=-1.0 if before < 0 else 1.0,
         )
+
+
+def _end_of_rest(time: Array, speed: Array, arrival: float) -> int:
+    """Return the row behind the last rest of at least 2 s that ends after a time [s]; 0 without one."""
+    edges = np.flatnonzero(np.diff(speed < STANDSTILL_SPEED, prepend=False, append=False))
+    begins, ends = edges[::2], edges[1::2]
+    found = ends[(time[ends - 1] - time[begins] >= MIN_DWELL) & (time[ends - 1] >= arrival)]
+    return int(found[-1]) if found.size else 0
 
 
 def _begin_of_rest(time: Array, speed: Array) -> float:
