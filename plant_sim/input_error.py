@@ -33,8 +33,8 @@ _PLAIN = {
     "no_scalar": "is no single value; write a number, a text, true or false",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
-_ORDER = {"extra_forbidden": 0, "string_type": 2}
-"""Order of the errors of one place: a block that is wrong in itself is not called a missing text."""
+_ORDER = {"extra_forbidden": 0, "finite_number": 0, "string_type": 2}
+"""Order of the errors of one place: infinity is called no wrong truth value, a block that is wrong no missing text."""
 MAX_FAULTS = 20
 """Largest number of faults of one input in a message."""
 _SHORT = reprlib.Repr()

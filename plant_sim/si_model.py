@@ -174,8 +174,15 @@ def _suffixed_keys(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
 
 @cache
 def _types_by_key(model: type[BaseModel]) -> dict[str, set[Any]]:
-    """Return the plain types of every key, with and without a suffix; every validation of the model needs them."""
+    """Return the plain types of every key, with and without a suffix; every validation of the model needs them.
+
+    A number with bounds of its own on both sides has no float: they hold before the largest magnitude.
+    """
     types = {name: _types_in(field.annotation) for name, field in model.model_fields.items()}
+    for name, field in model.model_fields.items():
+        bounds = [hasattr(entry, "ge") or hasattr(entry, "gt") for entry in field.metadata]
+        if any(bounds) and any(hasattr(entry, "le") or hasattr(entry, "lt") for entry in field.metadata):
+            types[name] = types[name] - {float} | {int}
     found = {field.alias or name: types[name] for name, field in model.model_fields.items()}
     return found | {key: types[name] for key, (name, _) in _suffixed_keys(model).items()}
 
