@@ -26,10 +26,12 @@ couplers. A rigid balance of forces takes these for errors.
 # mypy: allow-untyped-defs
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from plant_sim.compiled import compiled
+from plant_sim.record import quantity, zeros
 from train_ato.messages.types import Array
 
 UNIT_SPEED, UNIT_TIME = 0.025, 5.0
@@ -50,8 +52,19 @@ SLOWEST = 0.3
 """Speed of the reference from which on the errors are estimated [m/s]: before it the slack of the couplers runs out."""
 
 
+@dataclass
+class SpeedNoise:
+    """Noise of the measured speed, and changes of the speeds in a period."""
+
+    variance: float = quantity("m²/s²", "variance of the measured speed")
+    miss: float = quantity("m/s", "last innovation")
+    drift: float = quantity("m²/s²", "variance of the change of w in a period")
+    unit_drift: float = quantity("m²/s²", "variance of the change of q in a period")
+    decay: float = quantity("", "part of q that is left after a period")
+
+
 @compiled
-def identification_step(state, covariance, noise, drifts, decay, period, pull, known, wave, shock, error):
+def identification_step(state, covariance, noises, period, pull, known, wave, shock, error):
     """Advance the filter by a period and correct it by the measured speed error.
 
     Parameters
@@ -60,12 +73,8 @@ def identification_step(state, covariance, noise, drifts, decay, period, pull, k
         w, q [m/s] and theta.
     covariance : Array, shape (6, 6)
         Its covariance.
-    noise : Array, shape (2,)
-        Variance of the measured speed [m²/s²] and last innovation [m/s].
-    drifts : Array, shape (2,)
-        Variances of the changes of w and q in a period [m²/s²].
-    decay
-        Part of q that is left after a period.
+    noises : Records of SpeedNoise, shape (1,)
+        Its noise.
     period
         s.
     pull
@@ -79,37 +88,37 @@ def identification_step(state, covariance, noise, drifts, decay, period, pull, k
     error
         Measured speed error [m/s].
     """
-    size, errors = state.size, known.size
+    noise, size, errors = noises[0], state.size, known.size
     rows = covariance.copy()
     for j in range(size):
         for k in range(errors):
             rows[0, j] -= period * known[k] * covariance[2 + k, j]
-        rows[1, j] = decay * covariance[1, j]
+        rows[1, j] = noise.decay * covariance[1, j]
     for i in range(size):
         first = rows[i, 0]
         for k in range(errors):
             first -= period * known[k] * rows[i, 2 + k]
         covariance[i, 0] = first
-        covariance[i, 1] = decay * rows[i, 1]
+        covariance[i, 1] = noise.decay * rows[i, 1]
         for k in range(errors):
             covariance[i, 2 + k] = rows[i, 2 + k]
-    covariance[0, 0] += drifts[0]
-    covariance[1, 1] += drifts[1]
+    covariance[0, 0] += noise.drift
+    covariance[1, 1] += noise.unit_drift
     state[0] += period * pull
     for k in range(errors):
         state[0] -= period * known[k] * state[2 + k]
-    state[1] *= decay
+    state[1] *= noise.decay
     shared = covariance[0] + covariance[1] + wave * covariance[size - 1]
-    spread = shared[0] + shared[1] + wave * shared[size - 1] + noise[0] + shock
+    spread = shared[0] + shared[1] + wave * shared[size - 1] + noise.variance + shock
     miss = error - state[0] - state[1] - wave * state[size - 1]
     for i in range(size):
         state[i] += shared[i] / spread * miss
         for j in range(size):
             covariance[i, j] -= shared[i] * shared[j] / spread
-    change = miss - noise[1]
-    noise[0] += period / MEAN_TIME * (0.5 * change * change - noise[0])
-    noise[0] = max(noise[0], MIN_NOISE * MIN_NOISE)
-    noise[1] = miss
+    change = miss - noise.miss
+    noise.variance += period / MEAN_TIME * (0.5 * change * change - noise.variance)
+    noise.variance = max(noise.variance, MIN_NOISE * MIN_NOISE)
+    noise.miss = miss
 
 
 class TrainIdentification:
@@ -123,11 +132,11 @@ class TrainIdentification:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._decay = math.exp(-period / UNIT_TIME)
-        self._drifts = np.array([DISTURBANCE**2 * period, UNIT_SPEED**2 * (1.0 - self._decay**2)])
+        decay = math.exp(-period / UNIT_TIME)
         self._state = np.zeros(6)
         self._covariance = np.diag([1e-4, UNIT_SPEED**2, *(prior * prior for prior in PRIOR)])
-        self._noise = np.array([FIRST_NOISE**2, 0.0])
+        self._noise = zeros(SpeedNoise, 1)
+        self._noise[0] = FIRST_NOISE**2, 0.0, DISTURBANCE**2 * period, UNIT_SPEED**2 * (1.0 - decay**2), decay
         self._before: tuple[float, Array, float] | None = None
 
     @property
@@ -170,7 +179,7 @@ class TrainIdentification:
             pull_before, known_before, wave_before = self._before
             shock = SHOCK_TIME * PRIOR[WEAR] * (wave - wave_before) / self._period
             identification_step(
-                self._state, self._covariance, self._noise, self._drifts, self._decay, self._period,
-                0.5 * (pull_before + pull), 0.5 * (known_before + known), wave, shock * shock, speed_error,
+                self._state, self._covariance, self._noise, self._period, 0.5 * (pull_before + pull),
+                0.5 * (known_before + known), wave, shock * shock, speed_error,
             )  # fmt: skip
         self._before = (pull, known, wave)

@@ -59,16 +59,17 @@ MOTION = 3
 
 @compiled
 def modal_step(
-    states, covariances, chances, noise, before, transition, gains, driving, random, changes, walks, chain, weight,
-    position, speed, mean, floor_ratio,
+    states, covariances, chances, noises, transition, gains, pull, force, random, walks, chain, weight, position,
+    speed, mean, floor_ratio,
 ):  # fmt: skip
     """Advance all filters by a period and correct them; other arguments as in `filter_step`.
 
     The states are y_p [m], y_v [m/s], d [m/s²], and u_r [m] and w_r [m/s] of every mode. ``transition`` is that of a
     period without input, ``gains``, shape (2, n), the change of the state by an acceleration of 1 m/s² and by a force
-    of 1 N, ``driving`` this acceleration [m/s²] and force [N]. ``random`` is the covariance of the change by waves of
-    the modes.
+    of 1 N, ``pull`` and ``force`` are this acceleration [m/s²] and force [N]. ``random`` is the covariance of the
+    change by waves of the modes.
     """
+    noise = noises[0]
     mix(states, covariances, chances, chain)
     count, size = states.shape
     exponents, roots = np.empty(count), np.empty(count)
@@ -78,7 +79,7 @@ def modal_step(
         state, covariance = states[j], covariances[j]
         former[:] = state
         for a in range(size):
-            state[a] = gains[0, a] * driving[0] + gains[1, a] * driving[1]
+            state[a] = gains[0, a] * pull + gains[1, a] * force
             for b in range(size):
                 state[a] += transition[a, b] * former[b]
         for a in range(size):
@@ -91,17 +92,17 @@ def modal_step(
             for b in range(a + 1):
                 total = random[a, b]
                 if a == 1 and b == 1:
-                    total += changes[0]
+                    total += noise.jolt
                 for k in range(size):
                     total += half[a, k] * transition[b, k]
                 covariance[a, b] = covariance[b, a] = total
-        covariance[2, 2] += disturbance_drift(walks[j], changes)
+        covariance[2, 2] += disturbance_drift(walks[j], noise)
         miss_position, miss_speed = position - state[0], speed - state[1]
         mean_position += chances[j] * miss_position
         mean_speed += chances[j] * miss_speed
         exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
     weigh(states, chances, exponents, roots, mean)
-    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
+    match(noises, weight, mean_position, mean_speed, floor_ratio)
 
 
 class ModalObserver(MotionObserver):
@@ -158,15 +159,12 @@ class ModalObserver(MotionObserver):
         for place in self._not_fed_back:
             self.position_error -= float(self._states[0, place])
 
-    def _filter(
-        self, position: float, speed: float, pull: float, regressor: float, force: float,
-        changes: tuple[float, float, float],
-    ) -> None:  # fmt: skip
+    def _filter(self, position: float, speed: float, pull: float, regressor: float, force: float) -> None:
         """Advance and correct the filters; arguments as in the base class."""
         modal_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._transition,
-            self._gains, (pull, force), self._random, changes, self._filters.walks, self._filters.chain,
-            1.0 / self._count, position, speed, self._mean, self._filters.position_floor,
+            self._states, self._covariances, self._chances, self._noise, self._transition, self._gains, pull, force,
+            self._random, self._filters.walks, self._filters.chain, 1.0 / self._count, position, speed, self._mean,
+            self._filters.position_floor,
         )  # fmt: skip
         found = self._mean.tolist()
         self.position_error, self.speed_error, self.disturbance = found[:3]

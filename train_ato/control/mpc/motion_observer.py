@@ -9,6 +9,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
+from plant_sim.record import quantity, zeros
 from train_ato.messages.types import Array
 
 SPEED_FLOOR = 0.01
@@ -92,6 +93,19 @@ def motion_by_rate(rate: float, later: float) -> tuple[float, float, float, floa
     return rate * position, rate * speed, rate * risen, rate * fade
 
 
+@dataclass
+class MotionNoise:
+    """Variances of the measurements and of the changes in a period, and the last innovations."""
+
+    position: float = quantity("m²", "variance of the measured position")
+    speed: float = quantity("m²/s²", "variance of the measured speed")
+    position_miss: float = quantity("m", "last innovation of the position")
+    speed_miss: float = quantity("m/s", "last innovation of the speed")
+    jolt: float = quantity("m²/s²", "variance of the change of the speed in a period")
+    waves: float = quantity("m²/s²", "its part by waves")
+    sampled: float = quantity("m²", "variance of the measured speed over a period")
+
+
 @compiled
 def mix(states, covariances, chances, chain):
     """Mix states and covariances of the filters for a change from one to another; return nothing.
@@ -154,7 +168,7 @@ def predict_motion(state, p, drifts, period, pull, regressor):
 @compiled
 def correct(state, p, noise, miss_position, miss_speed):
     """Correct one filter by its innovations; return half of their squared size and the root of their determinant."""
-    a, b, c = p[0, 0] + noise[0], p[0, 1], p[1, 1] + noise[1]
+    a, b, c = p[0, 0] + noise.position, p[0, 1], p[1, 1] + noise.speed
     size = a * c - b * b
     row0, row1 = p[0].copy(), p[1].copy()
     for i in range(state.size):
@@ -188,36 +202,36 @@ def weigh(states, chances, exponents, roots, mean):
 
 
 @compiled
-def disturbance_drift(walk, changes):
+def disturbance_drift(walk, noise):
     """Return the variance of the change of the disturbance in a period [m²/s⁴].
 
-    ``walk`` is the square of the bandwidth of the random walk [rad²/s²]. ``changes`` are variances in a period: of the
-    change of the speed, of its part by waves [m²/s²], and of the measured speed over a period [m²].
+    ``walk`` is the square of the bandwidth of the random walk [rad²/s²].
     """
-    return walk * (walk * changes[2] + changes[1])
+    return walk * (walk * noise.sampled + noise.waves)
 
 
 @compiled
 def filter_step(
-    states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
-    floor_ratio, changes, walks, rates,
+    states, covariances, chances, noises, drifts, chain, period, weight, position, speed, pull, regressor, mean,
+    floor_ratio, walks, rates,
 ):  # fmt: skip
     """Advance all filters by a period [s] and correct them.
 
-    ``states`` and ``covariances`` are as in :func:`mix`, before them those of the filter of the mass. ``noise`` are the
-    variances of the measurements, ``before`` the last innovations, ``weight`` is that of the newest sample in the
-    noise, ``floor_ratio`` the smallest standard deviation of the position over that of the speed [s]. ``drifts``, shape
-    (1 + filters, 4), are variances of the change of speed, disturbance, error of the mass and rate in a period: only
-    those of the filter of the mass but the first are an input. ``changes`` as in :func:`disturbance_drift`, ``walks``
-    and ``rates`` of :class:`DisturbanceFilters`. ``position`` and ``speed`` are the measured errors [m, m/s], ``pull``
-    and ``regressor`` the modelled relative acceleration and x [m/s²]; ``mean``, shape (5,), is the result.
+    ``states`` and ``covariances`` are as in :func:`mix`, before them those of the filter of the mass. ``noises`` is one
+    record of :class:`MotionNoise`, ``weight`` that of the newest sample in the noise, ``floor_ratio`` the smallest
+    standard deviation of the position over that of the speed [s]. ``drifts``, shape (1 + filters, 4), are variances of
+    the change of speed, disturbance, error of the mass and rate in a period: only those of the filter of the mass but
+    the first are an input. ``walks`` and ``rates`` are those of :class:`DisturbanceFilters`. ``position`` and ``speed``
+    are the measured errors [m, m/s], ``pull`` and ``regressor`` the modelled relative acceleration and x [m/s²];
+    ``mean``, shape (5,), is the result.
     """
+    noise = noises[0]
     mix(states[1:], covariances[1:], chances, chain)
     count = chances.size
-    drifts[:, 0] = changes[0]
+    drifts[:, 0] = noise.jolt
     for j in range(count):
-        drifts[1 + j, 1] = disturbance_drift(walks[j], changes)
-        drifts[1 + j, 3] = rates[j] * changes[2]
+        drifts[1 + j, 1] = disturbance_drift(walks[j], noise)
+        drifts[1 + j, 3] = rates[j] * noise.sampled
     predict_motion(states[0], covariances[0], drifts[0], period, pull, regressor)
     correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
     states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
@@ -232,20 +246,24 @@ def filter_step(
         mean_speed += chances[j] * miss_speed
         exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
     weigh(states[1:], chances, exponents, roots, mean)
-    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
+    match(noises, weight, mean_position, mean_speed, floor_ratio)
 
 
 @compiled
-def match(noise, before, weight, miss_position, miss_speed, floor_ratio):
+def match(noises, weight, miss_position, miss_speed, floor_ratio):
     """Add a pair of innovations [m, m/s] to the variances of the noise."""
-    for i in range(2):
-        miss = miss_speed if i == 0 else miss_position
-        place = 1 - i
-        change = miss - before[place]
-        found = noise[place] + weight * (0.5 * change * change - noise[place])
-        floor = NOISE_FLOOR if i == 0 else max(floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR), POSITION_FLOOR)
-        noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
-        before[place] = miss
+    noise = noises[0]
+    noise.speed = _averaged(noise.speed, miss_speed - noise.speed_miss, weight, NOISE_FLOOR)
+    floor = max(floor_ratio * min(math.sqrt(noise.speed), SPEED_FLOOR), POSITION_FLOOR)
+    noise.position = _averaged(noise.position, miss_position - noise.position_miss, weight, floor)
+    noise.position_miss, noise.speed_miss = miss_position, miss_speed
+
+
+@compiled
+def _averaged(variance, change, weight, floor):
+    """Return the variance of a measurement with the change of its innovation, not below that of a floor."""
+    found = variance + weight * (0.5 * change * change - variance)
+    return min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
 
 
 NOISE_TIME = 20.0
@@ -305,9 +323,9 @@ class MotionObserver:
         self._states = np.zeros((1 + count, STATES))
         self._covariances = np.array([np.diag([*prior, 0.0]), *[np.diag([*prior[:3], 0.0, 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
-        self._noise = np.array([self._filters.position_prior**2, self._speed_prior**2])
+        self._noise = zeros(MotionNoise, 1)
+        self._noise["position"], self._noise["speed"] = self._filters.position_prior**2, self._speed_prior**2
         self._count = float(PRIOR_SAMPLES)
-        self._before = np.zeros(2)
         self.resolution = 0.0
         self._runs = self.stands = False
         self._mean = np.zeros(STATES)
@@ -331,7 +349,7 @@ class MotionObserver:
     @property
     def speed_noise(self) -> float:
         """Estimate of the standard deviation of the measured speed [m/s]."""
-        return math.sqrt(self._noise[1])
+        return math.sqrt(self._noise["speed"][0])
 
     def restart(self, position: float, speed: float, force: float = 0.0) -> None:
         """Take a sample as position and speed error [m, m/s]; disturbance and error of the mass are held.
@@ -341,7 +359,7 @@ class MotionObserver:
         self._states[:, 4] = self.disturbance_rate = 0.0
         self._states[:, 0], self._states[:, 1] = position, speed
         self.position_error, self.speed_error = position, speed
-        self._before[:] = 0.0
+        self._noise["position_miss"] = self._noise["speed_miss"] = 0.0
         self._runs, self.stands = True, False
 
     def stand(
@@ -356,14 +374,14 @@ class MotionObserver:
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
-            match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
+            match(self._noise, 1.0 / self._count, place, speed, self._filters.position_floor)
         still = not moving and abs(speed) <= 3.0 * self.speed_noise
         self.restart(position, (0.0 if still else speed) - reference, force)
         if not self._waves:  # hauled vehicles do not depart with the unit
             self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
-            self._covariances[:, 0, 0] = self._noise[0]
-            self._covariances[:, 1, 1] = 0.0 if still else self._noise[1]
-        self._before[:] = place, speed
+            self._covariances[:, 0, 0] = self._noise["position"][0]
+            self._covariances[:, 1, 1] = 0.0 if still else self._noise["speed"][0]
+        self._noise["position_miss"], self._noise["speed_miss"] = place, speed
         self.stands = True
 
     def miss(self) -> None:
@@ -385,23 +403,22 @@ class MotionObserver:
             self.restart(position, speed)
             return
         if self.stands:
-            self._before[:], self.stands = 0.0, False
+            self._noise["position_miss"] = self._noise["speed_miss"] = 0.0
+            self.stands = False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
-        self._noise[0] = max(self._noise[0], min(self.resolution**2 / 12.0, MAX_NOISE**2))
-        variance = min(float(self._noise[1]), SPEED_FLOOR**2) * self._period**2
-        jolt = self._waves + (force_change * self._period) ** 2 / 12.0
-        self._filter(position, speed, pull, regressor, force, (jolt, self._waves, variance))
+        noise = self._noise
+        noise["position"] = max(noise["position"][0], min(self.resolution**2 / 12.0, MAX_NOISE**2))
+        noise["sampled"] = min(noise["speed"][0], SPEED_FLOOR**2) * self._period**2
+        noise["jolt"], noise["waves"] = self._waves + (force_change * self._period) ** 2 / 12.0, self._waves
+        self._filter(position, speed, pull, regressor, force)
 
-    def _filter(
-        self, position: float, speed: float, pull: float, regressor: float, force: float,
-        changes: tuple[float, float, float],
-    ) -> None:  # fmt: skip
-        """Advance and correct the filters; arguments as in :meth:`step`, ``changes`` as in `disturbance_drift`."""
+    def _filter(self, position: float, speed: float, pull: float, regressor: float, force: float) -> None:
+        """Advance and correct the filters; arguments as in :meth:`step`."""
         filters = self._filters
         filter_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, filters.chain,
-            self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean, filters.position_floor,
-            changes, filters.walks, filters.rates,
+            self._states, self._covariances, self._chances, self._noise, self._drifts, filters.chain, self._period,
+            1.0 / self._count, position, speed, pull, regressor, self._mean, filters.position_floor, filters.walks,
+            filters.rates,
         )  # fmt: skip
         self.position_error, self.speed_error, self.disturbance, self.mass_error, self.disturbance_rate = (
             self._mean.tolist()

@@ -210,19 +210,19 @@ def _cost(
 
 @compiled
 def _least_cost(
-    price: float, step: float, speed: float, ends: tuple[float, float], range_: StepRange,
+    price: float, step: float, speed: float, least: float, most: float, range_: StepRange,
     weights: EnergyWeights, values: Array, energies: Array, speeds: Array,
 ) -> Any:  # fmt: skip
     """Return the least cost of a step to an energy between two ends; ``speeds`` are those of the energies [m/s]."""
     first, spacing = energies[0], energies[2] - energies[1]
     best = min(
-        _cost(price, step, speed, ends[0], range_, weights, values, energies),
-        _cost(price, step, speed, ends[1], range_, weights, values, energies),
+        _cost(price, step, speed, least, range_, weights, values, energies),
+        _cost(price, step, speed, most, range_, weights, values, energies),
     )
-    if ends[0] < range_.slow < ends[1]:
+    if least < range_.slow < most:
         best = min(best, _cost(price, step, speed, range_.slow, range_, weights, values, energies))
     low, slow, coast = range_
-    lowest, highest = int((ends[0] - first) / spacing) + 1, int((ends[1] - first) / spacing)
+    lowest, highest = int((least - first) / spacing) + 1, int((most - first) / spacing)
     for q in range(max(lowest, 1), min(highest, energies.size - 1) + 1):
         end = energies[q]
         work = weights.traction * max(end - coast, 0.0) - weights.recovered * min(max(slow - end, 0.0), slow - low)
@@ -290,7 +290,7 @@ def _curves(
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights.traction * max(-coast, 0.0)
                 new[i] -= weights.recovered * min(max(slow, 0.0), slow - low)
             elif low < end:
-                new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, ahead, speeds)
+                new[i] = _least_cost(price, step, speed, low, end, range_, weights, values, ahead, speeds)
             else:
                 new[i] = _cost(price, step, speed, end, range_, weights, values, ahead)
             if slow < ceiling:

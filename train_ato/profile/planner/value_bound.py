@@ -74,6 +74,21 @@ class Chord(NamedTuple):
     span: float
 
 
+class SlabForce(NamedTuple):
+    """Least, mean and largest line force of a slab, over the inertia [m/s²]."""
+
+    least: float
+    mean: float
+    largest: float
+
+
+class Ends(NamedTuple):
+    """E at the begin and at the end of a section."""
+
+    begin: float
+    end: float
+
+
 @compiled
 def _number(energy: float, width: float) -> int:
     """Return the number of the cell of an E."""
@@ -141,7 +156,7 @@ def _end_of_work(work: float, energy: float, h: float, line: float, drag: Chord)
 
 @compiled
 def _run_rates(
-    energy: float, gap: float, h: float, line: Array, price: float, weights: EnergyWeights,
+    energy: float, gap: float, h: float, line: SlabForce, price: float, weights: EnergyWeights,
     extreme: tuple[float, float], table: Array, width: float,
 ) -> Any:  # fmt: skip
     """Return the rates of :func:`_step_value`, and the largest fall of E in a slab below both of its ends.
@@ -159,7 +174,7 @@ def _run_rates(
             least = _at(table[RESISTANCE], lowest, width, size - 1)
             most = _at(table[RESISTANCE], energy + gap + h * up, width, size - 1)
             most = max(most, table[RESISTANCE, min(_number(energy + gap + h * up, width) + 1, size - 1)])
-            rising, falling = max(-least - line[0], MIN_RATE), max(most + line[2], MIN_RATE)
+            rising, falling = max(-least - line.least, MIN_RATE), max(most + line.largest, MIN_RATE)
             rising, falling, excess = min(rising, up), min(falling, down), h * (most - least)
             dip = max(up * falling / (up + falling), rising * down / (rising + down)) * h + excess
             return RunRates(up, falling, rising, down, excess), dip
@@ -168,21 +183,21 @@ def _run_rates(
 
 @compiled
 def _point_value(
-    energy: float, h: float, line: Array, price: float, width: float, ceiling: float, table: Array,
+    energy: float, h: float, line: SlabForce, price: float, width: float, ceiling: float, table: Array,
     service: ServiceLimits, weights: EnergyWeights, steepest: float, values: Array, last: int,
 ) -> Any:  # fmt: skip
     """Return the least value of the runs through a slab from an E."""
     gap = (_number(energy + h * steepest, width) + 2) * width**2
-    down = _braking_rate(table, energy, h * steepest + gap, line[2], service.deceleration, width)
+    down = _braking_rate(table, energy, h * steepest + gap, line.largest, service.deceleration, width)
     pull = _largest(table[PULL], energy - h * down - gap, energy + h * steepest + gap, width)
-    up = max(min(service.acceleration, pull - table[RESISTANCE, 0] - line[0]), 1e-6)
+    up = max(min(service.acceleration, pull - table[RESISTANCE, 0] - line.least), 1e-6)
     rates, dip = _run_rates(energy, gap, h, line, price, weights, (up, down), table, width)
     low_from = max(energy - gap - dip, 0.0)
     low_to = max(low_from - h * down, 0.0)
     drag, span = _at(table[RESISTANCE], low_from, width, table.shape[1] - 1), low_from - low_to
     slope = (drag - _at(table[RESISTANCE], low_to, width, table.shape[1] - 1)) / span if span > 0.0 else 0.0
     pull = _largest(table[PULL], low_from, energy + h * up + gap, width)
-    rate = pull - drag - line[1]
+    rate = pull - drag - line.mean
     fast = (
         energy + h * min(service.acceleration, rate) if rate > 0.0 else min(energy, energy + h * (rate + slope * span))
     )
@@ -190,17 +205,17 @@ def _point_value(
     low = min(max(energy - h * down, -gap), fast)
     electric = _largest(table[RECOVERING], energy - h * down - gap, energy + gap, width)
     chord = Chord(drag, slope, span)
-    coast = _end_of_work(0.0, energy, h, line[1], chord)
-    brake = _end_of_work(-h * electric, energy, h, line[1], chord)
+    coast = _end_of_work(0.0, energy, h, line.mean, chord)
+    brake = _end_of_work(-h * electric, energy, h, line.mean, chord)
     best = np.inf
     for corner in (low, fast, coast, brake, energy, energy - span):
         end = min(max(corner, low), fast)
-        cost = _step_value(end, energy, h, line[1], price, gap, weights, rates, chord, electric)
+        cost = _step_value(end, energy, h, line.mean, price, gap, weights, rates, chord, electric)
         best = min(best, cost + _at(values, end, width, last))
     for j in range(_number(low, width), min(_number(fast, width), last) + 1):
         end = 0.5 * (j * width) ** 2
         if end >= low:
-            cost = _step_value(end, energy, h, line[1], price, gap, weights, rates, chord, electric)
+            cost = _step_value(end, energy, h, line.mean, price, gap, weights, rates, chord, electric)
             best = min(best, cost + values[j])
     return best
 
@@ -246,7 +261,7 @@ def _continue_chord(values: Array, first: int, width: float) -> None:
 @compiled
 def least_value(
     steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: ServiceLimits,
-    ends: tuple[float, float], price: float, weights: EnergyWeights,
+    ends: Ends, price: float, weights: EnergyWeights,
 ) -> Any:  # fmt: skip
     """Return a lower bound of the least energy + price x time from the begin to the end.
 
@@ -270,18 +285,18 @@ def least_value(
     size, table = open_table.shape[1], open_table.copy()
     values, lowered = np.zeros(size), np.zeros(size)
     for j in range(size):
-        values[j] = weights.traction * max(ends[1] - 0.5 * (j * width) ** 2, 0.0)
-    top, last = ends[1], size - 1
+        values[j] = weights.traction * max(ends.end - 0.5 * (j * width) ** 2, 0.0)
+    top, last = ends.end, size - 1
     pull, brake = table[PULL].max(), table[STOPPING].max()
     for k in range(steps.size - 1, -1, -1):
-        h, force = steps[k], line[:, k]
+        h, force = steps[k], SlabForce(line[0, k], line[1, k], line[2, k])
         for j in range(size):
             table[RESISTANCE, j] = open_table[RESISTANCE, j] + air[k] * (j * width) ** 2
         drag = table[RESISTANCE].max()
-        fall = min(service.deceleration, brake + drag + force[2])
-        steepest = max(min(service.acceleration, pull - force[0]), fall, drag + force[2], 1e-6)
+        fall = min(service.deceleration, brake + drag + force.largest)
+        steepest = max(min(service.acceleration, pull - force.least), fall, drag + force.largest, 1e-6)
         _lower_by_bends(values, last, h * steepest, width, lowered)
-        down = _braking_rate(table, top, h * steepest, force[2], service.deceleration, width)
+        down = _braking_rate(table, top, h * steepest, force.largest, service.deceleration, width)
         higher = min(limit[k], top + h * down)
         number = min(max(_number(higher, width) + 1, 1), size - 1)
         for j in range(number + 1):
@@ -291,7 +306,7 @@ def least_value(
             )
         top, last = higher, number
         _continue_chord(values, min(_number(h * steepest, width) + 1, last - 1), width)
-    return _at(values, ends[0], width, last)
+    return _at(values, ends.begin, width, last)
 
 
 FIRST, LAST = Resolution(400, 400), Resolution(800, 1200)
@@ -385,7 +400,7 @@ def _value_of(section: PlanSection, size: Resolution, weights: EnergyWeights) ->
     width = float(np.sqrt(2.0 * limit.max())) / size.points
     table = _table(free.tables.rates, width, size.points + 3)
     service = ServiceLimits(settings.acceleration or np.inf, settings.deceleration or np.inf)
-    ends = free.begin_speed**2 / 2, free.end_speed**2 / 2
+    ends = Ends(free.begin_speed**2 / 2, free.end_speed**2 / 2)
     return lambda price: float(least_value(steps, line, air, limit, table, width, service, ends, price, weights))
 
 
