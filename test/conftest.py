@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,8 @@ pytest_plugins = ("case_costs",)
 HERE = Path(__file__).resolve().parent
 MODULES = filter(None, (str(HERE.parent), str(HERE), os.environ.get("PYTHONPATH")))
 os.environ["PYTHONPATH"] = os.pathsep.join(MODULES)  # for the programs that the tests start
+sys.dont_write_bytecode = False  # every worker and program would compile every source again
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 settings.register_profile(
     "train_ato", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
 )

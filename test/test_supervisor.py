@@ -3,6 +3,7 @@
 Settings of the supervisor and its decisions at their edges: limits, releases, repeated brakes, reasons, ranges.
 """
 
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from functools import cache
 
@@ -470,37 +471,39 @@ def test_a_brake_that_is_not_released_stays_so_on_its_way(supervisor: Supervisor
     assert {one.state for one in second} == {State.EMERGENCY_BRAKE}
 
 
+def first_places(acceleration: float) -> tuple[float, float, list[SupervisionDecision]]:
+    """Return the first places of indication and overspeed on a grid before the stop [m], and decisions on the way."""
+    end, speed = end_of_authority(), 60 / 3.6
+
+    def decide(index: int) -> SupervisionDecision:
+        supervisor = new_supervisor()
+        place = end - 1500.0 + 2.0 * index
+        decision = steps(supervisor, [(place, speed - acceleration * 0.4 * late) for late in (3, 2, 1, 0)])[-1]
+        assert decision.motion is not None
+        assert decision.speeds == supervisor.track.evaluate(decision.motion.front, decision.motion.estimate)
+        return decision
+
+    indication, overspeed = (
+        bisect_left(range(725), kind, key=lambda index: decide(index).state)
+        for kind in (State.INDICATION, State.OVERSPEED)
+    )
+    places = sorted({*range(0, 725, 25), indication - 1, indication, overspeed - 1, overspeed})
+    return indication * 2.0, overspeed * 2.0, [decide(index) for index in places]
+
+
 def test_the_indication_precedes_the_permitted_speed_by_its_time() -> None:
     """Breaks if no indication is given, or later than 5 s before the permitted speed: 3.13.9.3.6."""
-    end, speed = end_of_authority(), 60 / 3.6
-    places = np.arange(end - 1500.0, end - 50.0, 2.0)
-    found = [at(new_supervisor(), speed, place=float(place))[0] for place in places]
+    indicated, exceeded, found = first_places(0.0)
     kinds = [one.state for one in found]
     assert kinds == sorted(kinds) and kinds[0] is State.NORMAL
-    indicated, exceeded = kinds.index(State.INDICATION), kinds.index(State.OVERSPEED)
-    assert (places[exceeded] - places[indicated] + 2.0) / speed >= MIN_INDICATION_TIME
-    assert found[indicated].reason == "a target is near"
+    assert (exceeded - indicated + 2.0) / (60 / 3.6) >= MIN_INDICATION_TIME
+    assert found[kinds.index(State.INDICATION)].reason == "a target is near"
 
 
 def test_limits_and_indication_use_the_acceleration_of_the_train() -> None:
     """Breaks if the estimated motion is left out: an accelerating train must brake earlier."""
-    end, speed = end_of_authority(), 60 / 3.6
-
-    def states(acceleration: float) -> list[State]:
-        found = []
-        for place in np.arange(end - 1500.0, end - 50.0, 2.0):
-            supervisor = new_supervisor()
-            moves = [(float(place), speed - acceleration * 0.4 * late) for late in (3, 2, 1, 0)]
-            decision = steps(supervisor, moves)[-1]
-            motion = decision.motion
-            assert motion is not None
-            assert decision.speeds == supervisor.track.evaluate(motion.front, motion.estimate)
-            found.append(decision.state)
-        return found
-
-    steady, faster = states(0.0), states(0.5)
-    for kind in (State.INDICATION, State.OVERSPEED):
-        assert (steady.index(kind) - faster.index(kind)) * 2.0 > 0.0
+    steady, faster = first_places(0.0), first_places(0.5)
+    assert faster[0] < steady[0] and faster[1] < steady[1]
 
 
 def test_without_odometry_the_emergency_brake_acts_with_its_reason(supervisor: Supervisor) -> None:

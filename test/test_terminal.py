@@ -351,7 +351,7 @@ def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.Cap
 
 def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a refused law stops the comparison, ends with status 0, or is missing in the table or the JSON."""
-    laws = ["demo", "--laws=lag_smc,pid", "--compensation=twin"]
+    laws = ["demo", "--laws=lag_smc,pid", "--compensation=twin", *SHORT]
     assert compared(tmp_path / "a", *laws) == 1
     shown = capsys.readouterr()
     assert "refused: lag_smc: with compensation 'twin'" in shown.out and " overspeed " in shown.out

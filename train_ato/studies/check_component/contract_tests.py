@@ -209,10 +209,14 @@ def replaced(record: Any, name: str, value: Any) -> Any:
 
 def writable(record: Any) -> Any:
     """Return a copy of a record with writable arrays."""
-    for name, value in numbers_of(record):
+    changes = {}
+    for entry in dataclasses.fields(record):
+        value = getattr(record, entry.name)
         if isinstance(value, np.ndarray):
-            record = replaced(record, name, np.array(value))
-    return record
+            changes[entry.name] = np.array(value)
+        elif dataclasses.is_dataclass(value):
+            changes[entry.name] = writable(value)
+    return dataclasses.replace(record, **changes)
 
 
 LAST = 100
