@@ -89,6 +89,30 @@ def test_an_accepted_law_is_answered_with_its_advice(make):
     assert value.string_value == "printed"
 
 
+def test_parameters_set_together_are_checked_together(make):
+    """Breaks if each is checked beside the old values of the others: the next step failed the run."""
+    node = make(Role.CONTROLLER, arguments=["--ros-args", "-p", "gpc.n:=20", "-p", "gpc.nu:=10"]).endpoints.node
+
+    def answered(**values):
+        changes = [Parameter(name.replace("_", "."), value=value) for name, value in values.items()]
+        return node.set_parameters_atomically(changes).reason
+
+    assert "nu 15 is longer than n 12" in answered(gpc_nu=15, gpc_n=12, law="gpc")
+    assert node.get_parameter("law").value == "pid"
+    assert answered(gpc_n=3, gpc_nu=2, law="gpc") == ""
+
+
+def test_a_controller_that_joins_has_the_planned_law(make):
+    """Breaks if its parameters, or the log, name the law of the start after a change during the outage."""
+    setup = setup_of("demo", "duration=12", "law_changes=[{at: 2, law: smc, laws: {smc: {ks: 0.02}}}]")
+    bench = make(Role.CONTROLLER, setup=setup)
+    bench.node.join(3_000_000_000)
+    bench.node.join(3_000_000_000)  # its runner does so before and after it connects
+    assert [bench.endpoints.node.get_parameter(name).value for name in ("law", "smc.ks")] == ["smc", 0.02]
+    assert bench.node.stage.asked == {"smc.ks": 0.02, "controller": "smc"}
+    assert bench.node.stage._fit == bench.node.stage._fit_of("smc")
+
+
 def test_parameters_of_all_laws_have_ranges_and_meanings(make):
     """Fails if a parameter has no range or description: rclpy accepts NaN for a double without a range."""
     bench = make(Role.CONTROLLER)

@@ -264,12 +264,12 @@ def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
     scenario = setup.scenario.model_copy(update={"compensation": "twin"})
     role = ControllerStage(dataclasses.replace(setup, scenario=scenario))
     with pytest.raises(ValueError, match="law 'lag_smc' with compensation 'twin'"):
-        role.validate("controller", "lag_smc")
+        role.validate({"controller": "lag_smc"})
     with pytest.raises(ValueError, match=r"set laws\.pid\.feedforward: true"):
-        role.validate("pid.feedforward", False)
+        role.validate({"pid.feedforward": False})
     with pytest.raises(ValueError, match="unknown law ''"):  # `ros2 param set` takes it; the next step made this law
-        role.validate("controller", "")
-    role.validate("controller", "rbf_switching_smc")
+        role.validate({"controller": ""})
+    role.validate({"controller": "rbf_switching_smc"})
 
 
 def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

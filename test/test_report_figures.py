@@ -453,7 +453,7 @@ def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None
     page = (tmp_path / "page.html").read_text()
     assert f"<h1>demo: {laws}</h1>" in page and f"<title>demo: {laws}" in page
     assert f"swapped: {laws}" in comparison_title([data, data])
-    many = [{"at_s": at, "name": "controller", "value": "smc"} for at in range(1, 9)]
+    many = [{"at_s": at, "name": "controller", "value": ("pid", "smc")[at % 2]} for at in range(1, 9)]
     assert driven_laws({"controller": "pid", "changes": many}).endswith("→ ... (8 changes)")
     assert driven_laws({"controller": "pid"}) == "pid"
 

@@ -40,7 +40,16 @@ from train_ato.messages.types import (
 from train_ato.profile.profile import Profile
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import ComponentCall
-from train_ato.scenario.changes import GIVEN, KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
+from train_ato.scenario.changes import (
+    GIVEN,
+    KEY,
+    LAW,
+    Changes,
+    changes_to_json,
+    requested_stamp,
+    values_by_law,
+    values_of,
+)
 from train_ato.scenario.setup import RunSetup
 
 MAX_REFERENCE_SHIFT = 1.0
@@ -140,11 +149,16 @@ class ControllerStage:
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns], in place of an ended controller.
 
-        Planned changes up to this stamp are in effect, planned requests up to it are not repeated.
+        Planned changes up to this stamp are in effect, and reported with the law at the first step, because the ended
+        controller may have had others. Planned requests up to it are not repeated.
         """
         while self.planned and requested_stamp(self.planned[0]) <= stamp:
-            for name, value in values_of(self.planned.pop(0)).items():
-                self._take(name, value)
+            self.asked |= values_of(self.planned.pop(0))
+        for name, value in self.asked.items():
+            self._take(name, value)
+        self.asked.pop(LAW, None)
+        self.asked[LAW] = self.controller
+        self._fit = self._fit_of(self.controller)
         self.ato.forget_requests(stamp)
         self.follow_outage("node controller restarted")
 
@@ -206,22 +220,21 @@ class ControllerStage:
             authority=None if self.authority is None else self.authority.at,
         )
 
-    def validate(self, name: str, value: Any) -> str:
-        """Check one parameter (``controller`` or ``law.parameter``) without side effects; return the advice for it.
+    def validate(self, changes: Changes) -> str:
+        """Check parameters set together (``controller``, ``law.parameter``) without side effects; return the advice.
 
         Raises
         ------
         ValueError
             With the reason for the refusal.
         """
-        if name == LAW:
-            return self.advice(value)
-        law, _, parameter = name.rpartition(".")
-        if law == self.controller:
-            return self.advice(law, {parameter: value})
-        merged = {**self._parameters.get(law, {}), parameter: value}
-        LAWS.make(law, merged, self.setup.model, self.setup.control_period)
-        return ""
+        blocks = values_by_law(changes)
+        charged = changes.get(LAW, self.controller)
+        for law, values in blocks.items():
+            if law != charged:
+                merged = {**self._parameters.get(law, {}), **values}
+                LAWS.make(law, merged, self.setup.model, self.setup.control_period)
+        return self.advice(charged, blocks.get(charged)) if LAW in changes or charged in blocks else ""
 
     def gains(self, law: str) -> Gains:
         """Return the present parameters of a law."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ def driven_laws(summary: Mapping[str, Any]) -> str:
     """
     first = str(summary.get("controller", ""))
     rows = [row for row in summary.get("changes") or () if row["at_s"] > 0]
-    swaps = [f"{row['value']} at {row['at_s']:g} s" for row in rows if row["name"] == "controller"]
+    laws = [(first, 0.0), *((str(row["value"]), row["at_s"]) for row in rows if row["name"] == "controller")]
+    swaps = [f"{law} at {at_s:g} s" for (old, _), (law, at_s) in pairwise(laws) if law != old]
     if len(swaps) > MAX_SWAPS:
         swaps = [*swaps[: MAX_SWAPS - 1], f"... ({len(swaps)} changes)"]
     text = " → ".join([first, *swaps])

@@ -71,14 +71,19 @@ def values_of(change: LawChange) -> Changes:
     return values if change.law is None else {**values, LAW: change.law}
 
 
-def change_at(stamp: int, values: Mapping[str, Any]) -> LawChange:
-    """Return the planned change that sets the values at ``stamp`` [ns]."""
+def values_by_law(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the values of parameters by law."""
     blocks: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         law, _, parameter = name.rpartition(".")
         if law:
             blocks.setdefault(law, {})[parameter] = value
-    return LawChange(at=stamp / SECOND, law=values.get(LAW), laws=blocks)
+    return blocks
+
+
+def change_at(stamp: int, values: Mapping[str, Any]) -> LawChange:
+    """Return the planned change that sets the values at ``stamp`` [ns]."""
+    return LawChange(at=stamp / SECOND, law=values.get(LAW), laws=values_by_law(values))
 
 
 def effective_stamp(change: LawChange, tick_ns: int) -> int:

@@ -66,6 +66,7 @@ class ControllerNode:
         """Join a run that has reached a stamp [ns]."""
         self._inputs.join()
         self.stage.join(stamp)
+        self._sync_parameters(self.stage.asked)
 
     def await_return(self, role: Role, reason: str) -> None:
         """Follow the outage of another node of the loop, whose process is started again."""
@@ -81,34 +82,32 @@ class ControllerNode:
         before = {parameter.name: parameter.value for parameter in parameters}
         values = declare(node, parameters)
         changed = {name: value for name, value in values.items() if value != before[name]}
-        for name in sorted(changed, key=lambda name: name == PARAMETER):
-            stage.validate(_stage_name(name), changed[name])
-            stage.begin_with(_stage_name(name), changed[name])
+        stage.validate(_stage_names(changed))
+        for name, value in _stage_names(changed).items():
+            stage.begin_with(name, value)
         self._sync_parameters(changed)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def _check(self, parameters: list[Any]) -> Any:
         """Return acceptance of a change, or refusal with the reason; keep the advice for the answer."""
-        self._advice = ""
-        for parameter in parameters:
-            if self._ours(parameter.name):
-                try:
-                    advice = self.stage.validate(_stage_name(parameter.name), parameter.value)
-                    self._advice = advice or self._advice
-                except ValueError as error:
-                    return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+        try:
+            self._advice = self.stage.validate(self._changes(parameters))
+        except ValueError as error:
+            self._advice = ""
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Any]) -> None:
         if self._following:
             return
-        for parameter in sorted(parameters, key=lambda parameter: parameter.name == PARAMETER):
-            if self._ours(parameter.name):
-                self.stage.apply(_stage_name(parameter.name), parameter.value)
+        for name, value in self._changes(parameters).items():
+            self.stage.apply(name, value)
 
-    def _ours(self, name: str) -> bool:
-        return name == PARAMETER or name.rpartition(".")[0] in self._laws
+    def _changes(self, parameters: list[Any]) -> Changes:
+        """Return the parameters of laws among those set together."""
+        ours = [entry for entry in parameters if entry.name == PARAMETER or entry.name.rpartition(".")[0] in self._laws]
+        return _stage_names({entry.name: entry.value for entry in ours})
 
     def _step(self, kind: str, message: Any) -> None:
         for inputs in self._inputs.put(kind, message):
@@ -164,6 +163,7 @@ class ControllerNode:
             self._following = False
 
 
-def _stage_name(parameter: str) -> str:
-    """Return the name of a ROS parameter in the stage and its diagnostics."""
-    return LAW if parameter == PARAMETER else parameter
+def _stage_names(parameters: Changes) -> Changes:
+    """Return ROS parameters under their names in the stage and its diagnostics, the law last."""
+    ordered = sorted(parameters, key=lambda name: name == PARAMETER)
+    return {LAW if name == PARAMETER else name: parameters[name] for name in ordered}
