@@ -84,32 +84,6 @@ def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
     assert done[1].results["c"].series["squares"] == [1.0, 1.0]
 
 
-def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
-    """Breaks if ``reproduce.json`` is not the list of {paper, claim, stated, measured, verdict, reason, bounds}."""
-    _run([_paper({"a": counted(tmp_path, 3.0)}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
-    assert json.loads((tmp_path / "reproduce.json").read_text()) == [
-        {
-            "paper": "999", "claim": "small", "stated": "below 2", "measured": "3.0", "verdict": "not reproduced",
-            "reason": "below 2", "bounds": "value <= 2 (test): 3",
-        }
-    ]  # fmt: skip
-    assert json.loads((tmp_path / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
-
-
-def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
-    """Breaks if a claim, its verdict's count or a table is missing from the page, or a bar in a text breaks a row."""
-    case = counted(tmp_path, 3.0)
-    table = CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
-    broken = CaseTable("lost", ("law",), lambda results: [(results["b"],)])
-    paper = _paper({"a": case}, Claim("small | fast", "below 2", ("a",), _holds), tables=(table, broken))
-    _run([paper], tmp_path)
-    page = (tmp_path / "reproduce.md").read_text(encoding="utf-8")
-    assert "| small \\| fast | below 2 | 3.0 | value <= 2 (test): 3 | not reproduced | below 2 |" in page
-    assert f"| {paper.number}: {paper.title} | 0 | 0 | 1 | - |" in page
-    assert "| pid | 3.0 |" in page
-    assert "not available: KeyError" in page
-
-
 def test_an_engine_case_brings_summary_and_series_without_supervision() -> None:
     """Breaks if an overlay is not applied, series are lost, or the supervisor brakes an inaccurate law of a paper."""
     assert not SHORT.setup().scenario.supervision.enabled
@@ -280,17 +254,28 @@ def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *optio
     return main(["reproduce", "000", "--out", str(folder), "--jobs", "1", *options])
 
 
-def test_the_command_keeps_its_folder_and_prints_one_json_value(tmp_path, monkeypatch, capsys):
-    """Breaks if standard output has more than the list, or the folder is removed at the end."""
-    case = counted(tmp_path)
-    table = CaseTable("a table", ("case", "value"), lambda results: [("a", results["a"].summary["value"])])
-    paper = _paper({"a": case}, Claim("[small] claim", "below 2", ("a",), _holds), tables=(table,))
-    folder = tmp_path / "out"
+def test_the_command_writes_rows_page_and_tables_and_prints_one_json_value(tmp_path, monkeypatch, capsys):
+    """Breaks if a row lacks a documented key, the page a claim, count or table, a bar breaks it, or stdout has more."""
+    table = CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
+    broken = CaseTable("lost", ("law",), lambda results: [(results["b"],)])
+    case, folder = counted(tmp_path, 3.0), tmp_path / "out"
+    paper = _paper({"a": case}, Claim("[small] | fast", "below 2", ("a",), _holds), tables=(table, broken))
     assert _command(monkeypatch, paper, folder, "--json") == 0
     rows = json.loads(capsys.readouterr().out)
-    assert rows == json.loads((folder / "reproduce.json").read_text()) and rows[0]["verdict"] == "reproduced"
-    printed = (folder / "paper999.txt").read_text()
-    assert "[small] claim" in printed and "a table" in printed
+    assert rows == json.loads((folder / "reproduce.json").read_text()) == [
+        {
+            "paper": "999", "claim": "[small] | fast", "stated": "below 2", "measured": "3.0",
+            "verdict": "not reproduced", "reason": "below 2", "bounds": "value <= 2 (test): 3",
+        }
+    ]  # fmt: skip
+    assert json.loads((folder / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
+    page, printed = ((folder / name).read_text(encoding="utf-8") for name in ("reproduce.md", "paper999.txt"))
+    for text in (
+        "| [small] \\| fast | below 2 | 3.0 | value <= 2 (test): 3 | not reproduced | below 2 |",
+        f"| {paper.number}: {paper.title} | 0 | 0 | 1 | - |", "| pid | 3 |", "not available: KeyError",
+    ):  # fmt: skip
+        assert text in page, text
+    assert "[small] | fast" in printed and "squares" in printed
 
 
 def test_an_interrupted_command_leaves_no_empty_folder(tmp_path, monkeypatch, capsys):
