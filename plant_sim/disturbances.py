@@ -128,10 +128,10 @@ class Harmonic(_TimeFunction):
 
 
 def _window(t: Array, begin: float, end: float, ramp: float) -> Array:
-    """Return a trapezoid of height 1 between begin and end with ramps inside; a ramp of 0 is a step."""
+    """Return a trapezoid of height 1 between begin and end with ramps inside, each at most a half; 0 is a step."""
     if ramp <= 0.0:
         return np.where((t >= begin) & (t < end), 1.0, 0.0)
-    return np.clip(np.minimum(t - begin, end - t) / ramp, 0.0, 1.0)
+    return np.clip(np.minimum(t - begin, end - t) / min(ramp, (end - begin) / 2.0), 0.0, 1.0)
 
 
 class Interval(SiModel):
@@ -153,7 +153,7 @@ class Gust(Interval, _TimeFunction):
     kind: Literal["gust"]
     begin: Time = Field(description="begin of the gust, with its ramp", examples=[60.0])
     end: Time = Field(description="end of the gust, with its ramp", examples=[80.0])
-    ramp: Time = option(1.0, "time of rise and of fall, inside the interval", ge=0)
+    ramp: Time = option(1.0, "time of rise and of fall, inside the interval, at most half of it", ge=0)
     acceleration: Acceleration = option(0.0, "acceleration of each listed vehicle", example=-0.05)
     force: Annotated[Force, Usual(10, 5e6)] = option(0.0, "force on each listed vehicle", example=-3e3)
 

@@ -89,6 +89,12 @@ def test_gust_and_travelling_load() -> None:
     assert acting(3.0, [1e5], kind="harmonic", terms=terms)[0][0] == pytest.approx(1e3 * np.sin(1.5) + 1e3)
 
 
+def test_a_gust_reaches_its_acceleration_with_long_ramps() -> None:
+    """Breaks if ramps longer than half of a gust cut it: `inject gust duration=1` reached a quarter of its value."""
+    gust = {"kind": "gust", "begin": 0, "end": 1, "ramp": 2, "acceleration": 0.1}
+    assert acting(0.5, [1e5], **gust)[0][0] == pytest.approx(1e4)
+
+
 def test_forces_act_in_the_plant() -> None:
     """0.1 m/s² on every vehicle for 2 s gives 0.2 m/s; the work is accounted; sources add up."""
     gusts = [{"kind": "gust", "begin": 1, "end": 3, "ramp": 0, "acceleration": a} for a in (0.06, 0.04)]

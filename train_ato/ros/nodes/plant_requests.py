@@ -69,7 +69,7 @@ SCENARIO = Parameter("scenario", "", "", 0.0, 0.0, "file of the resolved scenari
 STRENGTHS: tuple[Parameter, ...] = (
     Parameter("gust.acceleration", -0.02, "m/s²", -MAX_GUST, MAX_GUST, "acceleration of the gust, on every vehicle"),
     Parameter("gust.duration", 20.0, "s", 0.001, MAX_GUST_DURATION, "duration of the gust, ramps included"),
-    Parameter("gust.ramp", 2.0, "s", 0.0, MAX_GUST_DURATION, "rise and fall time of the gust"),
+    Parameter("gust.ramp", 2.0, "s", 0.0, MAX_GUST_DURATION, "rise and fall time, at most half of the duration"),
     Parameter("delay_jump.factor", 1.0, "", 0.0, 1000.0, "factor on the command delays"),
     Parameter("delay_jump.add", 0.5, "s", -MAX_DELAY, MAX_DELAY, "addition to the command delays"),
     Parameter("message_loss.topic", "ato/command", "", 0.0, 0.0, "topic without messages at the plant", PLANT_TOPICS),
