@@ -1,6 +1,5 @@
 """Trains, profiles and inputs for the tests of laws, observers and compensations."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -99,7 +98,7 @@ def printed_law(name: str, values: Mapping[str, Any], of: TrainModel, period: fl
 def inputs(of: TrainModel, **changes: Any) -> LawInput:
     """Return the input of a law for a train at 10 m/s without errors."""
     n, one = of.n_units, np.ones(of.n_units)
-    base = LawInput(
+    fields: dict[str, Any] = dict(  # noqa: C408
         t=50.0, position=500.0 - of.offsets, velocity=10.0 * one, applied=0.0 * one,
         reference_position=500.0 - of.offsets, reference_velocity=10.0 * one, reference_acceleration=0.0 * one,
         delay_to_effect=0.0, acceleration_at_effect=0.0, jerk_at_effect=0.0, feedforward=0.0 * one,
@@ -108,7 +107,7 @@ def inputs(of: TrainModel, **changes: Any) -> LawInput:
         shoe_force=0.0 * one, train_shoe_force=0.0, commands_in_flight=np.zeros((0, n)), force_min=np.full(n, -400e3),
         force_max=np.full(n, 400e3), saturated=False,
     )  # fmt: skip
-    return dataclasses.replace(base, **changes)
+    return LawInput(**{**fields, **changes})
 
 
 def stack(

@@ -1,5 +1,6 @@
 """Air brake by hand and in closed form: waves, cylinders, reservoirs; the emergency brake of every train."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -292,7 +293,7 @@ def slowed(brake: EmergencyBrake, consist: Consist, speed: float) -> float:
     c0, c1, c2 = (sum(p[i] for p in polynomials) / inertia for i in range(3))
 
     def rate(t: float, v: float) -> float:
-        built = 1.0 - np.exp(-max(t - brake.delay, 0.0) / brake.time_constant)
+        built = 1.0 - math.exp(-max(t - brake.delay, 0.0) / brake.time_constant)
         shoes = (2.0 * 3.6 * v + 150.0) / (3.0 * 3.6 * v + 150.0)
         return float(-(brake.deceleration * built * shoes + c0 + c1 * v + c2 * v * v))
 
