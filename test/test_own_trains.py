@@ -344,3 +344,18 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+
+def test_lag_smc_drives_trains_without_a_lag_and_with_two_units() -> None:
+    """Breaks if it reaches its surface within a period, or damps two units above the gain of the train: limit cycles."""
+    data = scenario(0.0, law="lag_smc", laws={}, duration=110, links={"command": {"delay": 0.8}})
+    units = [{"type": "engine"}, {"type": "wagon", "count": 10}]
+    data["plant"] |= {"lag": 0.8, "consist": {**data["plant"]["consist"], "train": units * 2}}
+    data["plant"]["line"]["end"] = 3000
+    data["profile"] = {
+        "start": 0, "limits": {"acceleration": 0.1, "deceleration": 0.1, "jerk": 0.1}, "allow_rolling_end": True,
+        "phases": [{"cruise_for": 2}, {"accelerate_to_kmh": 20}, {"cruise_for": 80}],
+    }  # fmt: skip
+    none = ("plant.lag=0", "links.command.delay=0", "law=lag_smc", "laws.lag_smc.gains=model", "duration=40")
+    for setup in (prepare(check_scenario(data, HERE), HERE), setup_of("xuzhou_metro", *none)):
+        assert run_engine(setup).summary["tracking"] == "tracked"

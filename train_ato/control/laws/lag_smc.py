@@ -19,8 +19,9 @@ the surface.
 
 Gains of the model: on s3 = 0 the loop is kp = c1, ki = c0. The rule is c1 = kp and c0 = kp²/4 with the kp of `pid` on
 the same train. The acceleration reaches s3 = 0 within half of the dead time theta = delay + lag + period, with k_i =
-2/theta. ``command: common`` is used, because the predicted coupler forces of a long train are late. k is 0, because the
-linear term alone is sufficient and does not chatter.
+2/theta, and in no less than a period, with k_i = 1/Tc at most. ``command: common`` is used, because the predicted
+coupler forces of a long train are late. Its damping is kp at most: more of it excites the couplers between two units.
+k is 0, because the linear term alone is sufficient and does not chatter.
 
 Needs: the measured force, the lag of the model, and the state at the time of effect: compensation `predictor` (``train:
 chain`` for units coupled by springs). Without the coupler forces beside the units the law controls the mean of the
@@ -126,7 +127,8 @@ class LagSmc(RecordLaw):
         """Return the parameters with the bandwidth of `pid` on the same train."""
         loop = LoopGains.of(model, period)
         return {
-            "command": "common", "c1": loop.speed, "c0": loop.speed**2 / 4.0, "k": 0.0, "k_i": 2.0 / loop.dead_time,
+            "command": "common", "c1": loop.speed, "c0": loop.speed**2 / 4.0, "k": 0.0,
+            "k_i": min(2.0 / loop.dead_time, 1.0 / period), "damping": min(0.2, loop.speed),
         }  # fmt: skip
 
     uses_feedforward = False
