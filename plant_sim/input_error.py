@@ -72,11 +72,11 @@ def close_match(name: str, known: Iterable[str]) -> str:
     """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near.
 
     Of near names, one that only adds a unit comes first: ``n_per_kn`` is ``n_per_kn_kmh``, not ``n_per_kg``.
-    Capitals do not count; if no name is near, one that contains the word is taken.
+    Capitals do not count, kph is km/h; if no name is near, one that contains the word is taken.
     """
     import difflib
 
-    word, names = str(name).lower(), {str(entry).lower(): str(entry) for entry in known}
+    word, names = re.sub("km?ph", "kmh", str(name).lower()), {str(entry).lower(): str(entry) for entry in known}
     near = difflib.get_close_matches(word, names, n=3, cutoff=0.6)
     near.sort(key=lambda match: not match.startswith(f"{word}_"))
     near = near or sorted((entry for entry in names if word in entry and len(word) > 2), key=len)

@@ -347,7 +347,7 @@ if __name__ == "__main__":
 
 
 def test_lag_smc_drives_trains_without_a_lag_and_with_two_units() -> None:
-    """Breaks if it reaches its surface within a period, or damps two units above the gain of the train: limit cycles."""
+    """Breaks if it reaches its surface within a period, or damps two units above the gain of their train: it cycles."""
     data = scenario(0.0, law="lag_smc", laws={}, duration=110, links={"command": {"delay": 0.8}})
     units = [{"type": "engine"}, {"type": "wagon", "count": 10}]
     data["plant"] |= {"lag": 0.8, "consist": {**data["plant"]["consist"], "train": units * 2}}

@@ -304,6 +304,8 @@ LINE_SHARE = 0.1
 """Least part of all its variance: each of ten equal sines has it, and turbulence less."""
 MIN_DRIFT = 0.01
 """Smallest standard deviation of a drift speed [m/s]; an integration of the plant over a tick has less."""
+MIN_DRIFT_TICKS = 5
+"""Longest period of an oscillation that no drift speed explains, in ticks."""
 
 
 @dataclass(frozen=True)
@@ -485,14 +487,15 @@ def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
 def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
     """Return True if a disturbance force, or a drift speed, of any power unit has the period of the oscillation.
 
-    A drift speed is the derivative of the position minus the speed: the unmatched disturbance of paper 002.
+    A drift speed is the derivative of the position minus the speed: the unmatched disturbance of paper 002. A period of
+    a few ticks is none: the mean of two speeds is not the mean over their tick then.
     """
     recording, tick = run.recording, run.setup.tick
     first = int(np.searchsorted(recording.time, oscillation.begin))
     rows = slice(first, int(np.searchsorted(recording.time, oscillation.begin + oscillation.duration)))
     position, speed = recording.position[rows], recording.velocity[rows]
     drift = np.diff(position, axis=0) / tick - (speed[1:] + speed[:-1]) / 2
-    drift = drift[:, drift.std(axis=0) > MIN_DRIFT]
+    drift = drift[:, (drift.std(axis=0) > MIN_DRIFT) & (oscillation.period > MIN_DRIFT_TICKS * tick)]
     forces = [] if recording.of(DISTURBANCE, "unit_force") is None else [*recording.disturbance[rows].T]
     period = oscillation.period / tick
     return any(has_period(values, period) for values in (*forces, *drift.T))
