@@ -244,13 +244,20 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
         ("links.command.jump={at: 6, factor: 2}", "links.command.jump: ... jump at 6"),
         ("plant.jumps=[{what: lag, factor: 0.5, place: 9000}]", ""),
         ("interventions=[{at: 4.9, do: gust, duration: 1, acceleration: 0.1}]", ""),
+        ("profile={phases: null, plan: {end: 900}, limits: {jerk: 0.1}}", ""),
+        (
+            "profile={phases: null, plan: {end: 900}, limits: {deceleration: 0.1}}",
+            "profile.limits.deceleration: it has no effect on a plan; write profile.plan.deceleration",
+        ),
     ],
 )
 def test_an_entry_after_the_end_of_the_run_has_a_line(entry: str, what: str, capsys) -> None:
     """Breaks if a planned entry has no effect without a word, or one in time has a line."""
     text = late_entry(setup_of("demo", "duration=5", entry).scenario)
     what = what.replace("...", "the run ends at 5 s, before the")
-    assert text == (what and f"{what} s; lengthen duration or remove the {what.split()[-3]}")
+    assert text == (
+        what if "a plan" in what else what and f"{what} s; lengthen duration or remove the {what.split()[-3]}"
+    )
     choose_scenario("demo").assigned(["duration=5", entry]).prepare()
     assert capsys.readouterr().err == (text and f"note: demo: {text}\n"), "from Python, and in sweeps"
 

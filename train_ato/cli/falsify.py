@@ -8,7 +8,7 @@ Options::
     --requirement R    requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'
     --over SPEC        YAML file with the keys that vary: block 'over:'
     --runs N           largest number of runs (default: %(default)s)
-    --jobs N           number of processes (default: 1)
+    --jobs N           number of processes; with it the search has other points (default: 1)
     --first            end with the first break, without a smaller departure
     --out DIR          folder; a search that is already there is continued (default: runs/falsify-NAME-N)
     --strict           exit status 1 if the requirement was broken

@@ -173,7 +173,15 @@ def check_evaluation(scenario: Scenario, profile: Profile) -> None:
 
 
 def late_entry(scenario: Scenario) -> str:
-    """Return a line on the first planned entry that a run does not reach by its time; "" without one."""
+    """Return a line on the first planned entry that a run does not reach by its time; "" without one.
+
+    Limits of phases beside a plan have no effect, also from the base of the scenario, and come first.
+    """
+    profile = scenario.profile
+    unused = profile.plan and not profile.append and profile.limits.model_fields_set & {"acceleration", "deceleration"}
+    if unused:
+        key = min(unused)
+        return f"profile.limits.{key}: it has no effect on a plan; write profile.plan.{key}"
     lists: dict[tuple[str, str], Iterable[Any]] = {
         ("profile.driver", "action"): scenario.profile.driver or (),
         ("law_changes", "change"): scenario.law_changes,
