@@ -23,6 +23,7 @@ from plant_sim.library import consist_path, line_path
 from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.log.whole_file import write_whole
 from train_ato.profile.motion import change_of_speed
 from train_ato.scenario.overlays import caused_by
 
@@ -327,6 +328,19 @@ def test_closed_streams_do_not_end_a_run(closed: str, tmp_path: Path) -> None:
     assert done.returncode == 0 and "Traceback" not in done.stderr
     assert main(["verify", str(tmp_path / "run")]) == 0
     assert shell(f"train-ato run demmo {closed}", tmp_path).returncode == 2
+
+
+def test_a_removed_folder_is_named(tmp_path: Path) -> None:
+    """Breaks if the remedy is one for temporary files."""
+    (tmp_path / "gone").mkdir()
+    done = shell("rmdir ../gone; train-ato list", tmp_path / "gone")
+    assert done.stderr.endswith("train-ato: the present folder was removed; change to another one\n")
+
+
+def test_a_page_of_a_name_that_is_no_text_is_written(tmp_path: Path) -> None:
+    """Breaks if a report of a folder whose name is not in UTF-8 is refused by the encoding."""
+    write_whole(tmp_path / "page", "r\udcff")
+    assert (tmp_path / "page").read_text() == r"r\udcff"
 
 
 def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:

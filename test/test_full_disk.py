@@ -305,8 +305,8 @@ def test_a_full_disk_leaves_no_empty_summary(tmp_path: Path, monkeypatch: pytest
         result = run_engine(setup, sink=sink)
     written = Path.write_text
 
-    def full(path: Path, text: str, encoding: str | None = None) -> int:
-        written(path, text[:10], encoding=encoding)
+    def full(path: Path, text: str, **options: str) -> int:
+        written(path, text[:10], **options)
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)

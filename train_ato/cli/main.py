@@ -230,7 +230,8 @@ def print_error(error: object, status: int) -> int:
         lines = (f"{error.filename}: {error.strerror}{remedy}",)
     elif isinstance(error, OSError) and error.strerror:
         remedy = "; free space there, or set TMPDIR" if error.errno == errno.ENOENT else ""
-        lines = (f"{error.strerror}{remedy}",)
+        gone = error.strerror == os.strerror(errno.ENOENT)  # of no file: getcwd()
+        lines = ("the present folder was removed; change to another one" if gone else f"{error.strerror}{remedy}",)
     if "embedded null" in str(error):
         lines = ("a name has a null character; remove it",)
     sys.stderr.write("".join(f"train-ato: {shortened(line)}\n" for line in lines))

@@ -139,13 +139,17 @@ def evaluated(
 
 
 def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple[str, str]:
-    """Return the labels of the recorded output (its laws, or the measured quantity) and of the replayed one."""
+    """Return the labels of the recorded output (its laws, or the measured quantity) and of the replayed one.
+
+    The law of the run is replayed with its changes.
+    """
     from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
     from train_ato.report.words import driven_laws
 
+    laws = driven_laws({"controller": recorded.controller, **summary})
     if summary.get("controller") != MEASURED:
-        name = f"{driven_laws({'controller': recorded.controller, **summary})}, recorded"
+        name = f"{laws}, recorded"
     else:
         at_wheel = summary.get("measured_command") == NOT_RECORDED
         name = "force at the wheel, measured" if at_wheel else "demand, measured"
-    return name, f"{law}, replayed"
+    return name, f"{laws if law == recorded.controller else law}, replayed"
