@@ -325,8 +325,9 @@ def test_wrong_uses_are_refused_in_one_line():
         (lambda: ta.Env("xuzhou_metro", reward={"energy": np.nan}), "not finite"),
         (lambda: env.restore(3), "not a state"),
     ):  # fmt: skip
-        with one_line(text):
+        with one_line(text) as caught:
             wrong()
+        assert isinstance(caught.value, ta.InputError), text
     assert env.setup.ticks == 20
     env.reset()
     other.reset()

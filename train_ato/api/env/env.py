@@ -371,6 +371,7 @@ class Env(CallerForces):
         return info
 
     @property
+    @refusing
     def run(self) -> Run:
         """The run up to now, as :func:`train_ato.run` returns it; before the end it is an interrupted one.
 

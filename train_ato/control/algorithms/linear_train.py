@@ -23,7 +23,7 @@ from plant_sim.units import KMH
 from train_ato.control.algorithms.coupler_modes import TrainModes, body_numbers, chain
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-from train_ato.program.errors import check_packages
+from train_ato.program.errors import check_packages, refusing
 
 Signal = tuple[str, str]
 """Name and unit."""
@@ -81,6 +81,7 @@ class LinearTrain:
             f"<th>input</th><th>delay in traction</th><th>in braking</th></tr>{''.join(rows)}</table>"
         )
 
+    @refusing
     def response(self, omega: Any, *, braking: bool = False) -> NDArray[np.complex128]:
         """Return the frequency response with the delays, shape (frequencies, outputs, units).
 
@@ -117,6 +118,7 @@ class LinearTrain:
 
         return StateSpace(self.A, self.B, self.C, self.D)
 
+    @refusing
     def control(self) -> Any:
         """Return the model without delays as ``control.StateSpace`` with the names of all signals.
 
