@@ -63,18 +63,6 @@ def test_the_check_finds_a_broken_row(number: int, changes: dict[str, Any], foun
         assert text in line
 
 
-def test_a_place_is_the_line_of_its_declaration() -> None:
-    """Breaks if the page names another line: functions, compiled functions, methods, properties, texts."""
-    for place, text in {
-        "train_ato.control.laws.smc:Smc.demand": "def demand(",
-        "plant_sim.kernel:_clip": "@compiled",
-        "plant_sim.brake_data:Shoes.standstill_force": "@property",
-        "plant_sim/data/consists/hxd1_c80_105.yaml:default_gear": "default_gear: mt2_mt2",
-    }.items():
-        path, line = source_line(place, ROOT)
-        assert text in (ROOT / path).read_text(encoding="utf-8").splitlines()[line - 1]
-
-
 def test_shoes_and_gear_of_paper_000_follow_from_its_tables() -> None:
     """(9), (13)-(15): breaks if a shoe force is not that of cylinder, lever and radii, or the gear changes."""
     vehicles = load_consist("hxd1_c80_105").vehicle_types

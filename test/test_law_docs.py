@@ -18,15 +18,7 @@ from msgs_docs.generate import any_law_page as table
 from msgs_docs.generate.__main__ import LAWS as FOLDER
 from msgs_docs.generate.__main__ import law_pages, main, stale, unmeasured
 from msgs_docs.generate.law_pages.measure import command, measure_components
-from msgs_docs.generate.law_pages.pages import (
-    DEMO_RUNS,
-    Component,
-    DemoRun,
-    components,
-    demo_of,
-    parameter_table,
-    sections,
-)
+from msgs_docs.generate.law_pages.pages import DEMO_RUNS, Component, DemoRun, components, demo_of, sections
 from msgs_docs.generate.rows import read_rows
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
@@ -129,23 +121,9 @@ def driven(setup: RunSetup) -> dict[str, Any]:
     return {**resolved, "laws": resolved["laws"].get(resolved["law"])}
 
 
-def test_docstrings_and_parameters_by_hand() -> None:
-    """Code stays code, references are links; default, unit, range and choices as declared, a bar ends no cell."""
-    title, does, law, needs = sections(
-        "A law, paper 000.\n\nDoes ``this``.\n\n"
-        "Per unit, x*_i of :mod:`a.smc`::\n\n    S = e' + l1 e\n\n    u = -m S\n\n"
-        "* a correction to :class:`~x.Y`\n\nNeeds: a sensor.",
-        {"a.smc": "smc"},
-    )
-    assert (title, does, needs) == ("A law, paper 000.", "Does `this`.", "A sensor.")
-    assert law == (
-        "Per unit, x\\*_i of [`smc`](smc.md):\n\n```text\nS = e' + l1 e\n\nu = -m S\n```\n\n* a correction to `x.Y`"
-    )
-    rows = parameter_table(COMPONENTS["observer/cascaded"]).splitlines()
-    meaning = "implicit signs, Levant's differentiators, or explicit signs as in the paper"
-    assert f"| `method` | implicit | - | implicit, levant, explicit | {meaning} |" in rows
-    assert "| `unmatched` | true | - | true, false | estimate the speed offset d1 as well |" in rows
-    assert "| `jerk_offset` | 100 | m/s³ | 1e-06 ... 1000000 | bound of \\|d1''\\|, levant only |" in rows
+def test_a_block_with_an_empty_line_is_one_block_and_a_reference_loses_its_tilde() -> None:
+    text = "T.\n\nDoes it.\n\nPer unit::\n\n    S\n\n    u\n\n* to :class:`~x.Y`"
+    assert sections(text, {})[2] == "Per unit:\n\n```text\nS\n\nu\n```\n\n* to `x.Y`"
 
 
 def short(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Component:

@@ -6,11 +6,9 @@ import pytest
 from engine_runs import setup_of
 from law_trains import FIVE, HAULED, PUSHED, SINGLE, inputs, model
 
-from train_ato.control.contract import make_parameters, parameter, parameters_of
+from train_ato.control.contract import make_parameters, parameter
 from train_ato.control.laws.pid import Pid
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
-
-ALL = [(kind, name) for kind in (LAWS, OBSERVERS, COMPENSATIONS) for name in kind.names()]
+from train_ato.control.registry import LAWS, OBSERVERS, Registry
 
 
 @dataclass(frozen=True)
@@ -45,18 +43,6 @@ def test_right_parameters_keep_their_types():
     made = make_parameters(Sample, {"gain": 2, "count": 4.0, "on": False, "mode": "fast"}, "x")
     assert made == Sample(2.0, 4, False, "fast") and isinstance(made.gain, float)
     assert isinstance(made.count, int)
-
-
-@pytest.mark.parametrize(("kind", "name"), ALL, ids=[f"{kind.kind}-{name}" for kind, name in ALL])
-def test_every_registered_component_is_described(kind, name):
-    """Breaks if a default is outside its range, or a unit, a description or a docstring is missing."""
-    assert len(kind.summary(name)) > 10
-    for entry in parameters_of(kind.get(name).Parameters):
-        assert entry.meaning, entry.name
-        if isinstance(entry.default, str):
-            assert entry.default in entry.choices
-        elif not isinstance(entry.default, bool):
-            assert entry.low <= entry.default <= entry.high, entry.name
 
 
 def test_names_of_the_registry():
