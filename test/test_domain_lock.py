@@ -2,13 +2,16 @@
 
 import os
 import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from programs import begun, python
 from waiting import reserved_domain, wait_for
 
 from train_ato.cli import main
+from train_ato.messages.topic import Role
 from train_ato.ros.graph import environment
 from train_ato.ros.graph.domain_lock import TRAINS, DomainLock
 from train_ato.ros.graph.environment import (
@@ -19,6 +22,7 @@ from train_ato.ros.graph.environment import (
     middleware,
     print_domain,
 )
+from train_ato.ros.graph.node_process import NodeProcess
 from train_ato.ros.graph.remote import resolve_domain
 
 CLAIM = """
@@ -81,6 +85,23 @@ def test_a_train_of_a_namespace_is_found(monkeypatch: pytest.MonkeyPatch) -> Non
         resolve_domain(None, "t1")
 
 
+def test_a_domain_is_locked_until_the_process_of_a_node_has_ended(tmp_path: Path, monkeypatch: Any) -> None:
+    """Breaks if the process of a node does not inherit the lock, or the lock does not end with it."""
+    (program := tmp_path / "node").write_text("#!/bin/sh\nexec cat\n")  # to the end of its standard input
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    with claim_domain() as domain:
+        node = NodeProcess(Role.PLANT, [], domain, tmp_path)
+    following = DomainLock(domain)
+    assert not following.acquire()
+    assert node.process.stdin is not None
+    node.process.stdin.close()
+    assert node.process.wait() == 0
+    wait_for(following.acquire, "the free domain")
+    following.release()
+
+
+@pytest.mark.graph
 def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
     """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
     domain = reserved_domain()
