@@ -126,7 +126,7 @@ def test_traction_of_one_locomotive_keeps_the_limit() -> None:
     """Without the limit in the plan this departure has a draft of 544 kN; with it the locomotive pulls less."""
     draft, force = [], []
     for limit in (0.0, 2e5):
-        changes = {"duration": 150, "laws.mpc.coupler_limit": limit}
+        changes = {"duration": 100, "laws.mpc.coupler_limit": limit}
         run = ta.run("daqin_heavy_haul", law="mpc", compensation="none", set=changes, progress=False)
         draft.append(run.metrics["coupler_draft_max_kn"])
         force.append(float(run["ato/command"].filter(like="force").to_numpy().max()) / 1e3)
