@@ -1,14 +1,13 @@
 """Domain of a run: lock in the scope of the network, and the environment."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import begun, python
-from waiting import reserved_domain, wait_for
+from programs import python
+from waiting import wait_for
 
 from train_ato.cli import main
 from train_ato.messages.topic import Role
@@ -99,38 +98,6 @@ def test_a_domain_is_locked_until_the_process_of_a_node_has_ended(tmp_path: Path
     assert node.process.wait() == 0
     wait_for(following.acquire, "the free domain")
     following.release()
-
-
-@pytest.mark.graph
-def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
-    """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
-    domain = reserved_domain()
-    words = ["run", "demo", "--processes", "--rate=5", f"--domain={domain}", f"--out={tmp_path / 'run'}"]
-    run = begun(*words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    partial = tmp_path / "run" / "run.mcap.partial"
-    wait_for(lambda: run.poll() is not None or (partial.exists() and partial.stat().st_size > 0), "the log")
-    nodes = children(run.pid)
-    run.kill()
-    run.wait()
-    following = DomainLock(domain)
-    free = following.acquire()
-    assert len(nodes) == 6 and alive(nodes)
-    assert not free, "the domain is free beside nodes of the killed run"
-    wait_for(lambda: not alive(nodes), "the end of the nodes")
-    wait_for(following.acquire, "the free domain")
-    following.release()
-
-
-def children(parent: int) -> list[int]:
-    """Return the child processes."""
-    text = Path(f"/proc/{parent}/task/{parent}/children").read_text(encoding="ascii")
-    return [int(word) for word in text.split()]
-
-
-def alive(processes: list[int]) -> bool:
-    """Return True if a process has not ended."""
-    found = [Path(f"/proc/{process}/stat") for process in processes]
-    return any(path.exists() and path.read_text().rpartition(")")[2].split()[0] != "Z" for path in found)
 
 
 def test_the_lock_has_the_scope_of_the_network(tmp_path: Path) -> None:
