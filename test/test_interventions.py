@@ -331,7 +331,8 @@ def test_refusals_name_their_reason(tmp_path):
     domain = reserved_domain()
     assert "holds it; running: " in do(domain, "gust").stderr
     with composed_run(tmp_path, demo("duration=3600"), 2.0) as (remote, _):
-        assert remote.set_parameter("plant", "gust.duration", -1.0) is not None
+        assert not remote.change_parameters("plant", {"gust.acceleration": -0.5, "gust.duration": -1.0})[0]
+        assert remote.parameter("plant", "gust.acceleration") == -0.02
         success, reason = remote.call("plant/step")
         assert not success and "pause first" in reason and remote.call("plant/pause", True)[0]
         wait_for(lambda: remote.call("plant/step")[0], "a tick between two pauses")

@@ -65,13 +65,14 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.ros.graph.remote import graph_client, resolve_domain
 
     node, service, data, _ = ACTIONS[options.action]
-    parameters = dict(_parameter(options.action, service, text) for text in options.parameters)
+    given = dict(_parameter(options.action, service, text) for text in options.parameters)
+    parameters = {f"{service}.{name}": value for name, value in given.items()}
     domain = resolve_domain(options.domain, options.namespace)
     with graph_client(domain, options.namespace) as remote:
-        for name, value in parameters.items():
-            reason = remote.set_parameter(node, f"{service}.{name}", value)
-            if reason is not None:
-                raise ValueError(f"{node} refused {service}.{name} = {value!r}: {reason}")
+        done, reason = remote.change_parameters(node, parameters) if parameters else (True, "")
+        if not done:
+            named = ", ".join(f"{name} = {value!r}" for name, value in parameters.items())
+            raise ValueError(f"{node} refused {named}: {reason}")
         success, message = remote.call(f"{node}/{service}", data)
     if not success:
         raise ValueError(f"{options.action}: refused by the {node}: {message}")

@@ -28,7 +28,7 @@ def execute(options: argparse.Namespace) -> None:
         raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
     domain = resolve_domain(options.domain, options.namespace)
     with graph_client(domain, options.namespace) as remote:
-        done, text = remote.change_parameter(options.node, name, value)
+        done, text = remote.change_parameters(options.node, {name: value})
     if not done:
         raise ValueError(f"{options.node} refused {name} = {value!r}: {text}")
     if text:

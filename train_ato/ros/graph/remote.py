@@ -1,7 +1,7 @@
 """Access to a running graph from another process: set a parameter, call a service."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -88,11 +88,11 @@ class GraphClient:
         ValueError
             If the node or the parameter is missing, or the node does not answer.
         """
-        done, text = self.change_parameter(node, name, value)
+        done, text = self.change_parameters(node, {name: value})
         return None if done else text
 
-    def change_parameter(self, node: str, name: str, value: Any) -> tuple[bool, str]:
-        """Set one parameter of a running node; errors as :meth:`set_parameter`.
+    def change_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
+        """Set parameters of a running node, all or none; errors as :meth:`set_parameter`.
 
         Returns
         -------
@@ -105,14 +105,15 @@ class GraphClient:
 
         client = AsyncParameterClient(self._node, node)
         self._find(client.wait_for_services, f"node '{node}'", node)
-        types = self._answer(client.get_parameter_types([name]), node).types
-        if list(types) in ([], [ParameterType.PARAMETER_NOT_SET]):
-            known = self._answer(client.list_parameters(), node).result.names
-            raise ValueError(f"{node} has no parameter '{name}'{close_match(name, known)}")
-        if isinstance(value, int) and list(types) == [ParameterType.PARAMETER_DOUBLE]:
-            value = float(value)
-        change = client.set_parameters([Parameter(name, value=value)])
-        result = self._answer(change, node).results[0]
+        changes = []
+        for name, value in values.items():
+            types = self._answer(client.get_parameter_types([name]), node).types
+            if list(types) in ([], [ParameterType.PARAMETER_NOT_SET]):
+                known = self._answer(client.list_parameters(), node).result.names
+                raise ValueError(f"{node} has no parameter '{name}'{close_match(name, known)}")
+            real = isinstance(value, int) and list(types) == [ParameterType.PARAMETER_DOUBLE]
+            changes.append(Parameter(name, value=float(value) if real else value))
+        result = self._answer(client.set_parameters_atomically(changes), node).result
         return bool(result.successful), str(result.reason)
 
     def parameter(self, node: str, name: str) -> Any:
