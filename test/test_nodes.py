@@ -149,8 +149,9 @@ def test_trains_of_two_namespaces_have_no_topic_in_common(make):
     assert {"/a/clock", "/a/diagnostics", "/a/train/vehicles"} <= trains[0]
 
 
-def test_a_request_reaches_the_train_of_its_namespace(make, domain):
+def test_a_request_reaches_the_train_of_its_namespace(make, domain, monkeypatch):
     """Fails if a train in a namespace has no requests, or the refusal does not say where it is."""
+    monkeypatch.setattr(remote, "ELSEWHERE_S", 1.0)
     bench = make(Role.PLANT, arguments=["--ros-args", "-r", "__ns:=/a"])
 
     def gust(namespace):
