@@ -146,10 +146,11 @@ def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple
     from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
     from train_ato.report.words import driven_laws
 
-    laws = driven_laws({"controller": recorded.controller, **summary})
+    driven = {"controller": recorded.controller, **summary}
+    laws = driven_laws(driven)
     if summary.get("controller") != MEASURED:
         name = f"{laws}, recorded"
     else:
         at_wheel = summary.get("measured_command") == NOT_RECORDED
         name = "force at the wheel, measured" if at_wheel else "demand, measured"
-    return name, f"{laws if law == recorded.controller else law}, replayed"
+    return name, f"{laws if law == driven['controller'] else law}, replayed"
