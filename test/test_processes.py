@@ -20,7 +20,7 @@ from engine_runs import setup_of
 from programs import begun, python
 from recordings import commands_in, message_counts
 from remains import processes_of
-from waiting import LIMIT_S, LOOK_S, wait_for
+from waiting import LIMIT_S, LOOK_S, reserved_domain, wait_for
 
 import train_ato as ta
 from train_ato.judge.result import Progress, RunResult
@@ -36,6 +36,7 @@ from train_ato.messages.types import AtoState
 from train_ato.program.interrupt import Interrupt
 from train_ato.report.events import detect_events
 from train_ato.ros.graph import processes, shared_memory
+from train_ato.ros.graph.domain_lock import DomainLock
 from train_ato.ros.graph.environment import claim_domain
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.node_process import STOPPED_S, NodeProcess, with_stop
@@ -332,15 +333,20 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
 
 @pytest.mark.graph
 def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
-    """The nodes detect the closed pipe and end; the recorder closes the log with all earlier messages."""
-    folder = tmp_path / "run"
-    process = _command_line(folder, "--processes", f"--rate={PACED:g}")  # lockstep: no tick without a command
+    """The nodes detect the closed pipe and end, and keep the domain; the recorder closes the log with all messages."""
+    folder, following = tmp_path / "run", DomainLock(domain := reserved_domain())
+    # lockstep: no tick without a command
+    process = _command_line(folder, "--processes", f"--domain={domain}", f"--rate={PACED:g}")
     wait_for(lambda: commands_in(folder) > 50)
     assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder", "supervisor"]
     seen = commands_in(folder)
     process.kill()
     process.communicate(timeout=LIMIT_S)
+    free = following.acquire()  # a later node of the killed run would meet those of the next one
+    assert processes_of(folder) and not free
     wait_for(lambda: not processes_of(folder))
+    wait_for(following.acquire)
+    following.release()
     assert not (folder / PARTIAL).exists()
     stamps = {topic.name: [] for topic in topics_of(setup.layout) if topic.rate is Rate.TICK}
     for topic, stamp, _ in iter_raw(folder, stamps):
