@@ -39,7 +39,7 @@ from train_ato.scenario.interventions import (
     make_intervention,
     planned_for,
 )
-from train_ato.scenario.setup import late_entry
+from train_ato.scenario.setup import without_effect
 
 SECOND = 1_000_000_000
 UNSUPERVISED = "supervision.enabled=false"
@@ -249,11 +249,15 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
             "profile={phases: null, plan: {end: 900}, limits: {deceleration: 0.1}}",
             "profile.limits.deceleration: it has no effect on a plan; write profile.plan.deceleration",
         ),
+        (
+            "profile={phases: null, plan: {end: 900}, start: 50, append: [{cruise_for: 1}], limits: {acceleration: 1}}",
+            "profile.start: it has no effect on a plan; write profile.plan.begin, a place of the front",
+        ),
     ],
 )
 def test_an_entry_after_the_end_of_the_run_has_a_line(entry: str, what: str, capsys) -> None:
     """Breaks if a planned entry has no effect without a word, or one in time has a line."""
-    text = late_entry(setup_of("demo", "duration=5", entry).scenario)
+    text = without_effect(setup_of("demo", "duration=5", entry).scenario)
     what = what.replace("...", "the run ends at 5 s, before the")
     assert text == (
         what if "a plan" in what else what and f"{what} s; lengthen duration or remove the {what.split()[-3]}"

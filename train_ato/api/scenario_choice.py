@@ -22,7 +22,7 @@ from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, over
 from train_ato.scenario.scenario import Scenario, check_scenario, expectation_of, raw_scenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.scenario_files import SCHEMA, variants_of
-from train_ato.scenario.setup import RunSetup, late_entry, prepare
+from train_ato.scenario.setup import RunSetup, prepare, without_effect
 
 Changes = Mapping[str, Any]
 """Values by key: ``{"laws.pid.kp": 0.03}``."""
@@ -141,14 +141,14 @@ class ScenarioChoice:
     ) -> RunSetup:
         """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs.
 
-        Without ``noted``, as for one of the many runs of a study, an entry after the end of the run has no line.
+        Without ``noted``, as for one of the many runs of a study, a part without effect has no line.
         """
         try:
             setup = prepare(scenario or self.checked, self.path, parts, recorded=recorded)
         except ValueError as error:
             raise self._caused(error) from None
-        if noted and not recorded and (late := late_entry(setup.scenario)):
-            print_assumption(f"{setup.scenario.name}: {late}")
+        if noted and not recorded and (unused := without_effect(setup.scenario)):
+            print_assumption(f"{setup.scenario.name}: {unused}")
         return setup
 
     def _caused(self, error: ValueError) -> RefusedScenario:

@@ -99,12 +99,12 @@ def _run_mode(options: argparse.Namespace) -> RunMode:
 def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
     """Return the checked run, its mode and its folder; imports are late, so that help and completion are fast."""
     from train_ato.log.run_folder import next_free
-    from train_ato.scenario.setup import late_entry
+    from train_ato.scenario.setup import without_effect
 
     run_mode = _run_mode(options)
     setup = prepare_from(options)
     run_mode.check_setup(setup, "--")
-    for advice in dict.fromkeys((setup.advice(), late_entry(setup.scenario))):  # that of a driver's run is both
+    for advice in dict.fromkeys((setup.advice(), without_effect(setup.scenario))):  # that of a driver's run is both
         sys.stderr.write(f"train-ato: {advice}\n" if advice else "")
     if run_mode.mode != "engine":
         from train_ato.ros.graph.environment import opened_by

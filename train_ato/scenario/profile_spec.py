@@ -80,8 +80,6 @@ class ProfileSpec(SiModel):
         for key in ("until", "since", "append"):
             if self.driver is not None and getattr(self, key):
                 raise ValueError(f"{key} with driver: the actions of the driver are the run; remove {key}")
-        if self.plan is not None and self.start is not None:
-            raise ValueError("start with plan: it has no effect there; write plan.begin, a place of the front")
         if self.steps is not None and self.until is None:
             raise ValueError("steps need an end; add until")
         return self

@@ -172,16 +172,19 @@ def check_evaluation(scenario: Scenario, profile: Profile) -> None:
         )
 
 
-def late_entry(scenario: Scenario) -> str:
-    """Return a line on the first planned entry that a run does not reach by its time; "" without one.
+def without_effect(scenario: Scenario) -> str:
+    """Return a line on the first part of a scenario that has no effect on its run; "" without one.
 
-    Limits of phases beside a plan have no effect, also from the base of the scenario, and come first.
+    Start and limits of phases beside a plan, also from the base of the scenario, come first. Then come planned entries
+    that the run does not reach by its time.
     """
     profile = scenario.profile
-    unused = profile.plan and not profile.append and profile.limits.model_fields_set & {"acceleration", "deceleration"}
-    if unused:
-        key = min(unused)
-        return f"profile.limits.{key}: it has no effect on a plan; write profile.plan.{key}"
+    limits = () if profile.append else sorted(profile.limits.model_fields_set & {"acceleration", "deceleration"})
+    unused = {"start": "begin, a place of the front"} if profile.start is not None else {}
+    unused |= {f"limits.{key}": key for key in limits}
+    if profile.plan and unused:
+        key, other = next(iter(unused.items()))
+        return f"profile.{key}: it has no effect on a plan; write profile.plan.{other}"
     lists: dict[tuple[str, str], Iterable[Any]] = {
         ("profile.driver", "action"): scenario.profile.driver or (),
         ("law_changes", "change"): scenario.law_changes,
@@ -386,10 +389,10 @@ class RunSetup:
         """Return a line with the remedy for a law that does not fit the train or its delay; "" if it fits.
 
         Default: the law at the start with the parameters of the scenario. For a driver's run, which has no law: that
-        of :func:`late_entry`.
+        of :func:`without_effect`.
         """
         if name is None and self.scenario.profile.driver is not None:
-            return late_entry(self.scenario)
+            return without_effect(self.scenario)
         name = self.controller if name is None else name
         law, gains = self.law(name, values), self.gains(name, values)
         given = self.compensation_parameters
