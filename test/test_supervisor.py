@@ -488,7 +488,9 @@ def first_places(acceleration: float) -> tuple[float, float, list[SupervisionDec
         for kind in (State.INDICATION, State.OVERSPEED)
     )
     places = sorted({*range(0, 725, 25), indication - 1, indication, overspeed - 1, overspeed})
-    return indication * 2.0, overspeed * 2.0, [decide(index) for index in places]
+    found = [decide(index) for index in places]
+    assert {State.INDICATION, State.OVERSPEED} <= {one.state for one in found}
+    return indication * 2.0, overspeed * 2.0, found
 
 
 def test_the_indication_precedes_the_permitted_speed_by_its_time() -> None:
