@@ -137,7 +137,7 @@ def test_a_wrong_domain_of_the_environment_is_refused(text, monkeypatch, capsys)
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
-        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/nonexistent.xml", "no such file"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/proc/none.xml", "no such file"),
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "cut.xml", "no XML"),
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "empty.xml", "no XML"),
         ("FASTRTPS_DEFAULT_PROFILES_FILE", "other.xml", "<package> in place of <dds> or <profiles>"),

@@ -155,7 +155,7 @@ def test_a_file_for_all_nodes_and_integers_are_accepted(make, given):
 
 
 MALFORMED = [
-    ["--params-file", "/nonexistent.yaml"], ["--params-file", "flat.yaml"], ["--params-file", "broken.yaml"],
+    ["--params-file", "/proc/none.yaml"], ["--params-file", "flat.yaml"], ["--params-file", "broken.yaml"],
     ["--params-file", "indent.yaml"], ["-p", "law"], ["-r", "bad"], ["-r", "__ns:=not/abs"], ["-r", "__node:=1x"],
     ["--log-level", "nonsense"], ["--enclave", "x"], ["--remap"],
     ["--no-such-option"], ["-r", "__node:=my_controller"],
