@@ -496,7 +496,7 @@ def test_python_has_the_commands_of_the_shell(tmp_path: Path) -> None:
     assert [*catalogue().values()][2:] == [kind() for kind in kinds]
     text = pydoc.plain(pydoc.render_doc(ta.scenario))
     assert "function scenario" in text and "scenario(name" in text
-    assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition("\n")[0]
+    assert "law: " in pydoc.plain(pydoc.render_doc(ta.run)).partition("\n\n")[2].partition(" -> ")[0]
 
 
 def test_a_scenario_is_a_name_a_dict_or_an_object() -> None:
