@@ -38,8 +38,9 @@ SCENARIOS = [
 
 @cache
 def validator(kind: str) -> Any:
-    """Return the validator of a schema, which is itself valid."""
+    """Return the validator of a schema, which is itself valid and takes no key that is not in it."""
     schema = json.loads(schema_text(kind))
+    assert schema["additionalProperties"] is False
     made = validator_for(schema)
     made.check_schema(schema)
     return made(schema)
