@@ -123,7 +123,7 @@ def test_range_on_a_change_of_grade() -> None:
 
 
 def test_traction_of_one_locomotive_keeps_the_limit() -> None:
-    """Without the limit in the plan this departure has a draft of 544 kN; with it the locomotive pulls less."""
+    """Without the limit in the plan this departure has a draft of 549 kN; with it the locomotive pulls less."""
     draft, force = [], []
     for limit in (0.0, 2e5):
         changes = {"duration": 100, "laws.mpc.coupler_limit": limit}
