@@ -45,6 +45,9 @@ from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainCons
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
+MAX_REACHING = 100.0
+"""Largest linear reaching gain [1/s]."""
+
 
 @dataclass(frozen=True)
 class LagSmcParameters:
@@ -55,7 +58,7 @@ class LagSmcParameters:
     c0: float = parameter(0.25, "1/s²", 0.0, 100.0, "weight of the position error")
     k: float = parameter(0.05, "m/s³", 0.0, 100.0, "gain of the smooth switching term")
     phi: float = parameter(0.1, "m/s²", 1e-6, 100.0, "width of the smooth switching term")
-    k_i: float = parameter(0.4, "1/s", 0.0, 100.0, "linear reaching gain")
+    k_i: float = parameter(0.4, "1/s", 0.0, MAX_REACHING, "linear reaching gain")
     command: str = choice("one loop per unit, or one for the train", "unit", "common")
     damping: float = parameter(
         0.2, "1/s", 0.0, 10.0, "differential damping between the units, only for a common command"
@@ -128,7 +131,7 @@ class LagSmc(RecordLaw):
         loop = LoopGains.of(model, period)
         return {
             "command": "common", "c1": loop.speed, "c0": loop.speed**2 / 4.0, "k": 0.0,
-            "k_i": min(2.0 / loop.dead_time, 1.0 / period), "damping": min(0.2, loop.speed),
+            "k_i": min(2.0 / loop.dead_time, 1.0 / period, MAX_REACHING), "damping": min(0.2, loop.speed),
         }  # fmt: skip
 
     uses_feedforward = False
