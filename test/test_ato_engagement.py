@@ -35,7 +35,7 @@ from train_ato.ros.graph.recorded import complete_folder
 from train_ato.ros.graph.runner import run_graph
 from train_ato.scenario.changes import GIVEN, RunChanges, change_at, changes_from_json, values_of
 from train_ato.scenario.scenario import LawChange, load_scenario
-from train_ato.scenario.setup import RunSetup
+from train_ato.scenario.setup import RunSetup, prepare
 from train_ato.supervision.supervisor import SupervisionState
 
 pytestmark = pytest.mark.usefixtures("without_figure")
@@ -417,6 +417,13 @@ def test_steps_that_were_not_reached_stay_planned() -> None:
     driven = [(swap.at, values_of(swap)) for swap in told.driven(scenario).law_changes]
     assert driven == [(3.0, {"pid.kp": 0.5}), (5.0, {"controller": "smc"}), (700.0, {"controller": "pid"})]
     assert [row["planned"] for row in told.rows(scenario)] == [False, True]
+
+
+def test_a_run_whose_parameters_were_set_together_is_read_again() -> None:
+    """Breaks if the changes of a step are checked one after the other: its folder was refused."""
+    setup = setup_of("demo", "law=gpc", "laws.gpc={n: 20, nu: 10}")
+    again = RunChanges(laws=[(3 * SECOND, {"gpc.n": 3, "gpc.nu": 2})]).driven(setup.scenario)
+    assert len(prepare(again, Path()).law_changes) == 2
 
 
 @pytest.mark.parametrize("stamp", [0, 1, 100_000_000, 700_000_000, 86_399_900_000_000, 2_599_300_000_001])

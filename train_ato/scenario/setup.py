@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,7 @@ from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Array, TrainAhead
 from train_ato.profile.profile import Profile
+from train_ato.scenario.changes import effective_stamp
 from train_ato.scenario.formula import parse_formula, signals_of
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
@@ -562,12 +564,15 @@ def _check_choices(setup: RunSetup) -> None:
 
 
 def _check_laws(setup: RunSetup) -> None:
-    """Create the initial law, and every law with the parameters after each planned change."""
+    """Create the initial law, and every law with the parameters after the planned changes of each step."""
     law, blocks = setup.controller, {name: dict(values) for name, values in setup.controller_parameters.items()}
     setup.law(law, blocks.get(law, {}))
-    for change in sorted(setup.law_changes, key=lambda change: change.at):
-        law = change.law or law
-        for name, values in change.laws.items():
-            LAWS.check_parameters(name, values)
-            blocks.setdefault(name, {}).update(values)
+    planned = sorted(setup.law_changes, key=lambda change: change.at)
+    for _, changes in groupby(planned, key=lambda change: effective_stamp(change, setup.tick_ns)):
+        for change in changes:
+            law = change.law or law
+            LAWS.get(law)
+            for name, values in change.laws.items():
+                LAWS.check_parameters(name, values)
+                blocks.setdefault(name, {}).update(values)
         setup.law(law, blocks.get(law, {}))
