@@ -314,6 +314,14 @@ def test_a_train_that_moves_before_its_departure_has_arrived_once(begin: float, 
     assert stops_of_run(setup, moved)[0].as_row()["delay_s"] == pytest.approx(3.0, abs=setup.tick)
 
 
+def test_a_train_that_runs_through_its_stop_has_not_arrived() -> None:
+    """Breaks if a rest before it, here at the start until after the planned arrival, counts: it had -54 s of delay."""
+    setup = two_stops()
+    run, first = on_profile(setup, late=3.0, beyond=0.0), planned_stops(setup.profile)[0]
+    through = np.where(run.time <= first.departure, 5.0 * (run.time > 60.0), run.front_velocity)
+    assert stops_of_run(setup, with_series(run, front_velocity=through))[0].arrival is None
+
+
 def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:
     """Breaks if a train that has run back to its stop is short of it with a larger kilometre."""
     setup = setup_of("freight_consensus:realistic", "duration=370")

@@ -98,6 +98,7 @@ def test_parameters_set_together_are_checked_together(make):
         return node.set_parameters_atomically(changes).reason
 
     assert "nu 15 is longer than n 12" in answered(gpc_nu=15, gpc_n=12, law="gpc")
+    assert "nu 15 is longer than n 12" in answered(gpc_nu=15, gpc_n=12)
     assert node.get_parameter("law").value == "pid"
     assert answered(gpc_n=3, gpc_nu=2, law="gpc") == ""
 

@@ -17,6 +17,8 @@ MIN_DWELL = 2.0
 
 EARLY_DEPARTURE = 1.0
 """Time before the departure of the reference at which a train must still be at rest [s]."""
+EARLIEST_DEPARTURE = 10.0
+"""Time before the departure of the reference from which on a rest that ends is that at the stop [s]."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             # A law with a preview departs before the reference moves, and may halt once more within this time.
             rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
             departure = int(np.searchsorted(time, stop.departure, side="right"))
-            left = _end_of_rest(time, speed[:departure], stop.arrival)
+            left = _end_of_rest(time, speed[:departure], max(stop.arrival, stop.departure - EARLIEST_DEPARTURE))
             rows = min(rows, left) if left else departure if speed[rows - 1] >= STANDSTILL_SPEED else rows
             position, final_speed = float(recording.front_position[rows - 1]), float(speed[rows - 1])
         at_rest = abs(final_speed) < STANDSTILL_SPEED
@@ -111,11 +113,11 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
         )
 
 
-def _end_of_rest(time: Array, speed: Array, arrival: float) -> int:
+def _end_of_rest(time: Array, speed: Array, earliest: float) -> int:
     """Return the row behind the last rest of at least 2 s that ends after a time [s]; 0 without one."""
     edges = np.flatnonzero(np.diff(speed < STANDSTILL_SPEED, prepend=False, append=False))
     begins, ends = edges[::2], edges[1::2]
-    found = ends[(time[ends - 1] - time[begins] >= MIN_DWELL) & (time[ends - 1] >= arrival)]
+    found = ends[(time[ends - 1] - time[begins] >= MIN_DWELL) & (time[ends - 1] >= earliest)]
     return int(found[-1]) if found.size else 0
 
 
