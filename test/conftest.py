@@ -18,6 +18,7 @@ MODULES = filter(None, (str(HERE.parent), str(HERE), os.environ.get("PYTHONPATH"
 os.environ["PYTHONPATH"] = os.pathsep.join(MODULES)  # for the programs that the tests start
 sys.dont_write_bytecode = False  # every worker and program would compile every source again
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ.pop("FORCE_COLOR", None)  # printed lines and bars would have escape sequences
 settings.register_profile(
     "train_ato", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
 )
