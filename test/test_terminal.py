@@ -355,6 +355,7 @@ def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: 
     assert compared(tmp_path / "a", *laws) == 1
     shown = capsys.readouterr()
     assert "refused: lag_smc: with compensation 'twin'" in shown.out and " overspeed " in shown.out
+    assert "difference from" not in shown.out
     assert "train-ato: lag_smc: with compensation 'twin'" in shown.err
     assert compared(tmp_path / "b", *laws, "--json") == 1
     rows = json.loads(capsys.readouterr().out)
