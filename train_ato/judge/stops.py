@@ -17,7 +17,7 @@ MIN_DWELL = 2.0
 
 EARLY_DEPARTURE = 1.0
 """Time before the departure of the reference at which a train must still be at rest [s]."""
-EARLIEST_DEPARTURE = 10.0
+MAX_EARLY_DEPARTURE = 10.0
 """Time before the departure of the reference from which on a rest that ends is that at the stop [s]."""
 
 
@@ -97,11 +97,7 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             position, final_speed = recording.final
             rows = time.size
         else:
-            # A law with a preview departs before the reference moves, and may halt once more within this time.
-            rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
-            departure = int(np.searchsorted(time, stop.departure, side="right"))
-            left = _end_of_rest(time, speed[:departure], max(stop.arrival, stop.departure - EARLIEST_DEPARTURE))
-            rows = min(rows, left) if left else departure if speed[rows - 1] >= STANDSTILL_SPEED else rows
+            rows = _rows_to_departure(time, speed, stop)
             position, final_speed = float(recording.front_position[rows - 1]), float(speed[rows - 1])
         at_rest = abs(final_speed) < STANDSTILL_SPEED
         yield StopResult(
@@ -111,6 +107,18 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             arrival=_begin_of_rest(time, speed[:rows]) if at_rest else None,
             direction=-1.0 if before < 0 else 1.0,
         )
+
+
+def _rows_to_departure(time: Array, speed: Array, stop: PlannedStop) -> int:
+    """Return the number of rows up to the departure of the train from a stop, without a rest there to the planned one.
+
+    A law with a preview departs before the reference moves, and may halt once more within this time.
+    """
+    rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
+    planned = int(np.searchsorted(time, stop.departure, side="right"))
+    if left := _end_of_rest(time, speed[:planned], max(stop.arrival, stop.departure - MAX_EARLY_DEPARTURE)):
+        return min(rows, left)
+    return rows if speed[rows - 1] < STANDSTILL_SPEED else planned
 
 
 def _end_of_rest(time: Array, speed: Array, earliest: float) -> int:

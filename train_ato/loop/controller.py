@@ -229,12 +229,12 @@ class ControllerStage:
             With the reason for the refusal.
         """
         blocks = values_by_law(changes)
-        charged = changes.get(LAW, self.controller)
+        driving = changes.get(LAW, self.controller)
         for law, values in blocks.items():
-            if law != charged:
+            if law != driving:
                 merged = {**self._parameters.get(law, {}), **values}
                 LAWS.make(law, merged, self.setup.model, self.setup.control_period)
-        return self.advice(charged, blocks.get(charged)) if LAW in changes or charged in blocks else ""
+        return self.advice(driving, blocks.get(driving)) if LAW in changes or driving in blocks else ""
 
     def gains(self, law: str) -> Gains:
         """Return the present parameters of a law."""
