@@ -245,6 +245,7 @@ def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
         ("plant.jumps=[{what: lag, factor: 0.5, place: 9000}]", ""),
         ("interventions=[{at: 4.9, do: gust, duration: 1, acceleration: 0.1}]", ""),
         ("profile={phases: null, plan: {end: 900}, limits: {jerk: 0.1}}", ""),
+        ("profile={phases: null, plan: {end: 900}, append: [{cruise_for: 1}], limits: {acceleration: 1}}", ""),
         (
             "profile={phases: null, plan: {end: 900}, limits: {deceleration: 0.1}}",
             "profile.limits.deceleration: it has no effect on a plan; write profile.plan.deceleration",

@@ -207,9 +207,9 @@ SI = {
 """Every criterion with the magnitude of its metric as limit [SI]."""
 
 
-def two_stops(*assignments: str) -> RunSetup:
-    """Return a run with a stop of 20 s on the way and one at the end."""
-    phases = "[{accelerate_to: 5}, {brake_to: 0}, {cruise_for: 20}, {accelerate_to: 5}, {brake_to: 0}]"
+def two_stops(*assignments: str, dwell: float = 20.0) -> RunSetup:
+    """Return a run with a stop [s] on the way and one at the end."""
+    phases = f"[{{accelerate_to: 5}}, {{brake_to: 0}}, {{cruise_for: {dwell}}}, {{accelerate_to: 5}}, {{brake_to: 0}}]"
     limits = "{jerk: 0.1, acceleration: 0.2, deceleration: 0.2}"
     texts = (f"profile={{phases: {phases}, limits: {limits}}}", "duration=200", "supervision.enabled=false")
     return setup_of("demo", *texts, *assignments)
@@ -314,11 +314,12 @@ def test_a_train_that_moves_before_its_departure_has_arrived_once(begin: float, 
     assert stops_of_run(setup, moved)[0].as_row()["delay_s"] == pytest.approx(3.0, abs=setup.tick)
 
 
-def test_a_train_that_runs_through_its_stop_has_not_arrived() -> None:
-    """Breaks if a rest before it, here at the start until after the planned arrival, counts: it had -54 s of delay."""
-    setup = two_stops()
+@pytest.mark.parametrize(("dwell", "rest"), [(20.0, 3.0), (5.0, -1.0)])
+def test_a_train_that_runs_through_its_stop_has_not_arrived(dwell: float, rest: float) -> None:
+    """Breaks if a rest before it counts: at the start until 3 s after the planned arrival it had -54 s of delay."""
+    setup = two_stops(dwell=dwell)
     run, first = on_profile(setup, late=3.0, beyond=0.0), planned_stops(setup.profile)[0]
-    through = np.where(run.time <= first.departure, 5.0 * (run.time > 60.0), run.front_velocity)
+    through = np.where(run.time <= first.departure, 5.0 * (run.time > first.arrival + rest), run.front_velocity)
     assert stops_of_run(setup, with_series(run, front_velocity=through))[0].arrival is None
 
 

@@ -453,9 +453,14 @@ def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None
     page = (tmp_path / "page.html").read_text()
     assert f"<h1>demo: {laws}</h1>" in page and f"<title>demo: {laws}" in page
     assert f"swapped: {laws}" in comparison_title([data, data])
+
+
+def test_the_laws_of_a_run_are_named_in_their_order() -> None:
+    """Breaks if many changes are all named, or the report of a restarted controller is a change of the law."""
     many = [{"at_s": at, "name": "controller", "value": ("pid", "smc")[at % 2]} for at in range(1, 9)]
     assert driven_laws({"controller": "pid", "changes": many}).endswith("→ ... (8 changes)")
-    assert driven_laws({"controller": "pid"}) == "pid"
+    again = {"at_s": 9.0, "name": "controller", "value": "pid"}
+    assert driven_laws({"controller": "pid"}) == driven_laws({"controller": "pid", "changes": [again]}) == "pid"
 
 
 def test_error_figures_name_the_part_that_the_metrics_leave_out(tmp_path: Path) -> None:
