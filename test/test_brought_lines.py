@@ -69,6 +69,7 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
         ("km,speed_limit_mph", "0,25\n2,25", "speed_limits", [25 * 0.44704]),
         ("position_m\tv_max_m_s", "0\t25\n2000\t25", "speed_limits", [25.0]),
         ("position_m,grade_percent", "0,1.5\r1000,1.5", "grades", [0.015]),
+        ("position_m,gradient %", "0,0.1\n1000,0.1", "grades", [0.001]),
     ],
 )
 def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: list[float]) -> None:
@@ -101,6 +102,8 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
         ("position_m,speed_limit_kmh\n0,0\n9,1\n", "speed_limit_kmh = 0: must be above 0"),
         ("position_m;elevation_m\n0,5;998,5\n900;1.002\n", "line 3, elevation_m = '1.002': its point may separate"),
         ("position_m;grade_permille\n0;1\n1.000,5;2\n", "line 3, position_m = '1.000,5': its point may separate"),
+        ("position_m;grade_permille\n0;3.5\n1,250;2\n", "position_m = '1,250': its comma may separate thousands, and "),
+        ("position_m,elevation_m\n0,5\n10,15\n", "elevation_m: the height changes by 10 m from 0 to 10 m; correct"),
         ("position_m,v_max_kmh,limit_kmh\n0,0,1\n9,1,1\n", "two columns of speed_limit"),
     ],
 )
@@ -114,6 +117,7 @@ def test_a_faulty_table_is_refused_in_one_line(tmp_path: Path, text: str, messag
     ("text", "told"),
     [
         ("position_m;speed_limit_kmh\n0;80\n2.000;60\n", "the line is 2 m long; check the unit of its places"),
+        ("km,gradient\n0,0.3\n1,0.2\n", "line 1: column 'gradient' has no unit; read as a fraction, 0.01 for 10 per"),
         ("km,elevation_m\n0,3\n1,13\n9,\n", "elevation_m: no height at the end; level from 1000 m on"),
         ("km,elevation_m\n0,\n1,5\n2,9\n", "elevation_m: no grade at the begin; level there"),
         ("km,elevation_m\n0,3\n1,\n2,\n", "elevation_m: no grade at the begin; level there"),
@@ -225,6 +229,13 @@ def test_a_track_that_passes_a_station_twice_stops_twice(tmp_path: Path, capsys:
     line = load_line(written(tmp_path / "two.gpx", gpx(points + points[-2::-1], halt)))
     assert [round(stop.at) for stop in line.stops] == [2000, 6000]
     assert "track 'Ours' turns back near 4000 m" in capsys.readouterr().err
+
+
+def test_a_height_that_a_receiver_lost_is_refused_in_one_line(tmp_path: Path) -> None:
+    """Breaks if heights of 0 among others are refused as grades that the file does not have."""
+    points = [[lon, lat, 500 * (k not in (40, 41))] for k, (lon, lat, _) in enumerate(track())]
+    with one_line("lost.gpx: the height changes by -66.67 m from 600 to 700 m", "correct the heights or their unit"):
+        load_line(written(tmp_path / "lost.gpx", gpx(points, {})))
 
 
 @pytest.mark.parametrize("ending", ["csv", "json", "gpx", "geojson", "yaml", "railml"])

@@ -286,7 +286,7 @@ def _laws(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("silent", 50, r"law silent: step\(\) returned \[nan\] N; .* in 10 consecutive steps \(1 s, hold_limit\)"),
         ("overflowing", 51,
-         r"law 'overflowing' repeated its last force \(computed \[inf\] N\); .* in 10 consecutive steps"),
+         r"law 'overflowing' repeated its last force \(computed \[inf\] N, .*stack\.py:\d+\); .* in 10 consecutive"),
         ("short", 0, r"law short: step\(\) returned \[\] N, shape \(0,\); .* in 10 consecutive steps"),
     ],
 )  # fmt: skip

@@ -47,6 +47,7 @@ OTHER_NAMES = {
     "curve_radius": "radius", "lat": "latitude", "lon": "longitude", "station": "stop", "name": "stop",
 }  # fmt: skip
 UNITS = {"km_h": "kmh", "kph": "kmh", "": "1", "degree": "deg", "miles": "mi", "feet": "ft", "promille": "permille"}
+_SIGNS = {"‰": " permille", "%": " percent", "°": " deg"}
 TEXT = "stop"
 IN_A_TABLE = ("begin", "grades", "speed_limits", "curves", "stops", "stops[].name", "coordinates")
 """Keys of a line that a table has."""
@@ -56,6 +57,7 @@ _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?\r?\n', re.IGNORECASE)
 """First line of a spreadsheet with the separator."""
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?", re.ASCII)
 """Number with a point that may separate thousands."""
+_SWAPPED = str.maketrans(",.", ".,")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +87,11 @@ def table_line(path: Path) -> Line:
         why = fault if len(rows) > 1 else f": {len(rows)} rows; a line needs two"
         raise ValueError(f"{path}: {titles['position']}{why}")
     listed = {key: [(row["position"], row[key]) for _, row in rows if key in row] for key in (*QUANTITIES, TEXT)}
-    for key in ("grade", "elevation"):
-        steps = slopes(listed[key]) if key == "elevation" else listed[key]
-        if key in titles and (not steps or steps[0][0] > places[0]):
-            print_assumption(f"{path}: {titles[key]}: no grade at the begin; level there")
-    risen = slopes(listed["elevation"])
+    key = "elevation" if "elevation" in titles else "grade"
+    risen = slopes(listed["elevation"], f"{path}: {titles.get(key)}")
     grades = risen or listed["grade"]
+    if key in titles and (not grades or grades[0][0] > places[0]):
+        print_assumption(f"{path}: {titles[key]}: no grade at the begin; level there")
     if risen and (last := listed["elevation"][-1][0]) < places[-1]:
         print_assumption(f"{path}: {titles['elevation']}: no height at the end; level from {number_text(last)} m on")
         grades = [*grades, (last, 0.0)]
@@ -116,8 +117,15 @@ def table_line(path: Path) -> Line:
     return build_model(Line, raw, str(path))
 
 
-def slopes(heights: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return place [m] and grade of the stretches between places [m] with a height [m]."""
+def slopes(heights: list[tuple[float, float]], place: str) -> list[tuple[float, float]]:
+    """Return place [m] and grade of the stretches between places [m] with a height [m]; refuse an implausible one."""
+    for (a, low), (b, high) in pairwise(heights):
+        if abs(high - low) > MAX_GRADE * (b - a):
+            change, most = number_text(high - low, 4), number_text(1e3 * MAX_GRADE)
+            raise ValueError(
+                f"{place}: the height changes by {change} m from {number_text(a)} to {number_text(b)} m; correct the "
+                f"heights or their unit (at most {most} per mille)"
+            )
     return [(a, (high - low) / (b - a)) for (a, low), (b, high) in pairwise(heights)]
 
 
@@ -177,26 +185,32 @@ def _read(path: Path) -> tuple[list[_Column], list[tuple[int, dict[str, Any]]]]:
 
 
 def _refuse_thousands(columns: list[_Column], lines: list[tuple[int, list[str]]], path: Path) -> None:
-    """Refuse a number such as ``1.250``, which may be 1.25 or 1250, beside a decimal comma."""
+    """Refuse a number such as ``1.250``, which may be 1.25 or 1250, beside a number with the other decimal mark."""
     numbers = [
-        (number, column.title, cell.strip())
+        (number, column, cell.strip())
         for number, cells in lines
         for column, cell in zip(columns, cells, strict=False)
-        if column.quantity not in (TEXT, "latitude", "longitude")
+        if column.quantity != TEXT
     ]
-    comma = next((cell for *_, cell in numbers if "," in cell), "")
-    for number, title, cell in numbers if comma else ():
-        if _THOUSANDS.fullmatch(cell):
-            raise ValueError(
-                f"{path}: line {number}, {title} = '{cell}': its point may separate thousands, and '{comma[:30]}' has "
-                "a comma; write all numbers with one decimal mark and without thousands separators"
-            )
+    for mark, other, word in (".", ",", "point"), (",", ".", "comma"):
+        beside = next((cell for *_, cell in numbers if other in cell), "")
+        for number, column, cell in numbers if beside else ():
+            plain = cell if mark == "." else cell.translate(_SWAPPED)
+            if _THOUSANDS.fullmatch(plain) and column.quantity not in ("latitude", "longitude"):
+                raise ValueError(
+                    f"{path}: line {number}, {column.title} = '{cell}': its {word} may separate thousands, and "
+                    f"'{beside[:30]}' has the other mark; write all numbers with one decimal mark and without "
+                    "thousands separators"
+                )
 
 
 def _column(title: str, place: str) -> _Column:
     """Return quantity and factor of a title."""
-    parts = _BRACKETS.match(title)
-    plain = re.sub(r"[^a-z0-9]+", "_", (parts[1] if parts else title).lower().replace("‰", "permille")).strip("_")
+    spelt = title
+    for sign, unit in _SIGNS.items():
+        spelt = spelt.replace(sign, unit)
+    parts = _BRACKETS.match(spelt)
+    plain = re.sub(r"[^a-z0-9]+", "_", (parts[1] if parts else spelt).lower()).strip("_")
     known = sorted({*OTHER_NAMES, *QUANTITIES, TEXT}, key=len, reverse=True)
     name = next((name for name in known if plain == name or (not parts and plain.startswith(f"{name}_"))), None)
     if name is None:
@@ -205,16 +219,14 @@ def _column(title: str, place: str) -> _Column:
     if quantity == TEXT:
         return _Column(title, TEXT, 1.0)
     own = "km" if name == "km" else "deg" if quantity in ("latitude", "longitude") else ""
-    raw = (
-        parts[2].replace("‰", "permille").replace("%", "percent").replace("°", "deg")
-        if parts
-        else plain[len(name) + 1 :]
-    )
+    raw = parts[2] if parts else plain[len(name) + 1 :]
     unit = re.sub(r"[^a-z0-9]+", "_", raw.lower()).strip("_") or own
     factor = QUANTITIES[quantity].get(UNITS.get(unit, unit))
     if factor is None or (not unit and quantity != "grade"):
         units = ", ".join(f"{quantity}_{unit}" for unit in QUANTITIES[quantity])
         raise ValueError(f"{place}: column '{title}' has no known unit; name it {units}")
+    if not unit:
+        print_assumption(f"{place}: column '{title}' has no unit; read as a fraction, 0.01 for 10 per mille")
     return _Column(title, quantity, factor)
 
 

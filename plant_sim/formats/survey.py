@@ -219,7 +219,7 @@ def _grades(at: Any, heights: list[float | None], place: str) -> list[dict[str, 
     wide = np.maximum(half, 1.0)
     mean = (np.interp(knots + wide, fine, whole) - np.interp(knots - wide, fine, whole)) / (2 * wide)
     mean = np.where(half < 10.0, np.interp(knots, fine, level), mean)
-    found = slopes(list(zip(knots.tolist(), mean.tolist(), strict=True)))
+    found = slopes(list(zip(knots.tolist(), mean.tolist(), strict=True)), place)
     steepest = max((abs(grade) for _, grade in found), default=0.0)
     print_assumption(
         f"{place}: heights averaged over {WINDOW:g} m, one grade for every {STRETCH:g} m; the steepest has "

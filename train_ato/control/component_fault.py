@@ -156,7 +156,7 @@ def output_fault(name: str, law: Any, output: Any, units: int) -> str:
         found = f"plan of type {type(output.plan).__name__}"
     if not found:
         return ""
-    place, method = _step_of(law)
+    place, method = step_of(law)
     asked = f"a list of {units} forces" if method == "demand" else f"LawOutput(force=array of {units})"
     return f"law {short_name(name)}: {method}() returned {found}; return {asked}{place}"
 
@@ -169,7 +169,7 @@ def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
             return ""
         found = f"{str(estimate.tolist())[:60]} N"
     text = f"observer {short_name(name)}: step() returned {found}; return an array of {units}"
-    return f"{text}{_step_of(observer)[0]}"
+    return f"{text}{step_of(observer)[0]}"
 
 
 def diagnostics_fault(name: str, law: Any, found: Any) -> str:
@@ -177,7 +177,7 @@ def diagnostics_fault(name: str, law: Any, found: Any) -> str:
     if isinstance(found, Mapping):
         return ""
     text = f"law {short_name(name)}: diagnostics() returned {type(found).__name__}; return a dictionary of texts"
-    return f"{text}{_step_of(law, 'diagnostics')[0]}"
+    return f"{text}{step_of(law, 'diagnostics')[0]}"
 
 
 def inputs_fault(compensation: Any, inputs: Any, units: int) -> str:
@@ -194,10 +194,10 @@ def inputs_fault(compensation: Any, inputs: Any, units: int) -> str:
 
 def answer_fault(compensation: Any, found: str) -> str:
     """Return the fault of a compensation by what its step has returned, with its place."""
-    return f"compensation {type(compensation).__name__}: step() returned {found}{_step_of(compensation)[0]}"
+    return f"compensation {type(compensation).__name__}: step() returned {found}{step_of(compensation)[0]}"
 
 
-def _step_of(law: Any, *methods: str) -> tuple[str, str]:
+def step_of(law: Any, *methods: str) -> tuple[str, str]:
     """Return file and line of a method, by default the step, outside of this project after a comma, and its name."""
     if is_own(law):
         project = inspect.getfile(RunFailed).rpartition("/train_ato/")[0] + "/train_ato/"

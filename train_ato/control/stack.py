@@ -26,6 +26,7 @@ from train_ato.control.component_fault import (
     printable,
     raise_if_interrupted,
     step_limit,
+    step_of,
     unless_raised,
 )
 from train_ato.control.contract import Law, LawInput, LawOutput, ProfileLike
@@ -370,7 +371,8 @@ class ControlStack:
         if output.held:
             valid = is_valid(inputs)
             spoilt = self._own_compensation and not valid and "coupler_force" not in output.held  # that of a sensor
-            law = f"law '{self._name}' repeated its last force ({output.held})"
+            place = step_of(self.law)[0] if valid else ""
+            law = f"law '{self._name}' repeated its last force ({output.held}{place})"
             reason = answer_fault(self.compensation, output.held) if spoilt else law
             self.hold.hold(reason, by_component=valid or spoilt)
         else:
