@@ -2,16 +2,11 @@
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from train_ato.api.scenario_choice import choose_scenario
@@ -234,46 +229,3 @@ def test_bad_input_is_refused_in_one_line(requirement: str, over: dict, message:
     with pytest.raises(ValueError, match=r"\w") as error:
         ta.falsify("demo", requirement, over, set={"duration": 2}, runs=3)
     assert message in str(error.value) and "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c_keeps_the_results_and_leaves_no_process(jobs: str, cheap: str, tmp_path: Path) -> None:
-    """Breaks if an interrupted search loses its runs, prints a traceback or leaves a worker."""
-    spec, out = tmp_path / "spec.yaml", tmp_path / "out"
-    spec.write_text(json.dumps({"over": MASS}))
-    code = (
-        "import os, sys\n"
-        "from train_ato.studies.falsify import search\n"
-        "from train_ato.cli import main\n"
-        "run = search.FalsificationSearch._run\n"
-        "def noted(self, points, phase):\n"
-        "    rows = run(self, points, phase)\n"
-        "    sys.stdout.write('run\\n'); sys.stdout.flush()\n"
-        "    return rows\n"
-        "search.FalsificationSearch._run = noted\n"
-        "if __name__ == '__main__': sys.exit(main(sys.argv[1:]))\n"
-    )
-    script = tmp_path / "script.py"
-    script.write_text(code)
-    arguments = [cheap, "--requirement", "G speed_error >= -50 km/h", "--over", str(spec), "--out", str(out)]
-    process = subprocess.Popen(
-        [sys.executable, str(script), "falsify", *arguments, "--jobs", jobs, "--runs", "1000"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-    )  # fmt: skip
-    assert process.stdout is not None and process.stdout.readline() == "run\n"
-    assert process.stdout.readline() == "run\n"
-    os.killpg(process.pid, signal.SIGINT)
-    _, printed = process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 1, printed
-    assert "interrupted; results so far" in printed and "Traceback" not in printed
-    assert len((out / "runs.csv").read_text().splitlines()) >= 3
-    assert json.loads((out / "falsify.json").read_text())["interrupted"] is True
-    wait_for(lambda: not _group_is_alive(process.pid), "the end of the workers")
-
-
-def _group_is_alive(group: int) -> bool:
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True

@@ -88,20 +88,34 @@ def test_the_end_is_one_line(arguments: list[str], number: signal.Signals, tmp_p
     assert not left or whole_run, left
 
 
+SEARCH = ("xuzhou_metro", "--set=duration=10", "--runs=6000", "--out=out")
+
+
+@pytest.mark.graph
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_an_interrupted_tuning_keeps_the_best_gains(jobs: str, tmp_path: Path) -> None:
-    """Breaks if Ctrl-C loses the candidates, prints a traceback or leaves a worker behind."""
-    command = ["tune", "xuzhou_metro", "--law=smc", "--set=duration=10", "--runs=6000", "--parameters=l1,ks"]
-    history = tmp_path / "out" / "history.csv"
-    with started(tmp_path, *command, "--jobs", jobs, "--out", "out") as process:
-        wait_for(lambda: process.poll() is not None or (history.is_file() and history.read_text().count("\n") >= 3))
+@pytest.mark.parametrize(
+    ("command", "table"),
+    [
+        (("tune", *SEARCH, "--law=smc", "--parameters=l1,ks"), "history.csv"),
+        (("falsify", *SEARCH, "--requirement=G speed_error >= -50 km/h", "--over=o.yaml"), "runs.csv"),
+    ],
+)
+def test_an_interrupted_search_keeps_its_results(
+    command: tuple[str, ...], table: str, jobs: str, tmp_path: Path
+) -> None:
+    """Breaks if Ctrl-C loses the runs or the best gains, prints a traceback or leaves a worker behind."""
+    (tmp_path / "o.yaml").write_text("over: {plant.mismatch.mass_scale: {from: 0.9, to: 1.3}}")
+    out, runs = tmp_path / "out", tmp_path / "out" / (table if command[0] == "tune" else "runs.jsonl")
+    with started(tmp_path, *command, "--jobs", jobs) as process:
+        wait_for(lambda: process.poll() is not None or (runs.is_file() and runs.read_text().count("\n") >= 3))
         os.killpg(process.pid, signal.SIGINT)
         _, err = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 1 and "Traceback" not in err, err
-        assert err.splitlines()[-1].startswith("train-ato: interrupted after ")
+        assert re.match("train-ato: interrupted(; results so far| after )", err.splitlines()[-1]), err
         wait_for(lambda: not descendants(tmp_path))
-    assert json.loads((tmp_path / "out" / "tune.json").read_text())["interrupted"] is True
-    assert load_scenario(str(tmp_path / "out" / "tuned.yaml"))[0].laws["smc"]
+    assert json.loads((out / f"{command[0]}.json").read_text())["interrupted"] is True
+    assert (out / table).read_text().count("\n") >= 3
+    assert command[0] == "falsify" or load_scenario(str(out / "tuned.yaml"))[0].laws["smc"]
 
 
 def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
