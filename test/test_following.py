@@ -201,6 +201,46 @@ def test_no_train_within_the_safety_data_stops_on_a_shorter_way() -> None:
     assert recording.front_position[-1] - begun >= at.stop > 0.3 * (recording.front_position[-1] - begun)
 
 
+TWO_STOPS = [
+    {"accelerate_to_kmh": 50}, {"cruise_until": 100}, {"brake_to": 0}, {"cruise_for": 15},
+    {"accelerate_to_kmh": 50}, {"cruise_until": 220}, {"brake_to": 0},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("held_at", "held", "until", "behind"),
+    [
+        pytest.param(125.0, 30.0, None, 0.5, id="leaves a stop late"),
+        pytest.param(125.0, 600.0, None, 0.5, id="does not leave a stop"),
+        pytest.param(180.0, 30.0, None, 20.0, id="waits on the line"),
+        pytest.param(180.0, 600.0, None, 20.0, id="stands on the line"),
+        pytest.param(180.0, 600.0, 250.0, math.inf, id="stands on the line, own profile again"),
+    ],
+)
+def test_a_late_leader_delays_the_own_stops(held_at: float, held: float, until: float | None, behind: float) -> None:
+    """Fails if the own profile makes up a delay before a stop, at a speed that no plan has, or runs backwards."""
+    changes = {"profile": {**METRO["profile"], "phases": TWO_STOPS}, "duration": 400}
+    plan = ta.scenario({**METRO, **changes}).prepare()
+    half = plan.consist.vehicles[0].length / 2.0
+    times = 0.4 * np.arange(1000)
+    places = plan.profile.at_times(np.where(times < held_at, times, np.maximum(times - held, held_at)))[0]
+    reports = [
+        report(k, each - 40.0, place + half - 120.0, front=place + half)
+        for k, (each, place) in enumerate(zip(times.tolist(), places.tolist(), strict=True))
+        if each >= 40.0
+    ]
+    headway = HeadwayProfile(metro(reports, {**LEADER, "until": until}, **changes))
+    own, current, found = plan.profile, plan.profile, []
+    for stamp in range(0, 380_000_000_000, 400_000_000):
+        current = headway.step(stamp) or current
+        found.append(current.at(stamp * 1e-9)[:3])
+    place, speed, acceleration = np.array(found).T
+    assert speed.min() >= -0.5 and speed.max() <= 1.05 * own.velocity.max()
+    assert np.abs(acceleration).max() <= 2.5 * np.abs(own.acceleration).max()
+    assert np.abs(place - places[: place.size]).max() <= behind
+    assert (place[-1] == own.position[-1]) == (held < 600.0 or until is not None)
+
+
 def shifted_profile(rate: float) -> tuple[RunSetup, HeadwayProfile, list[Any]]:
     """Return a run behind a leader that leaves its plan with a constant rate [m/s], and the profiles behind it."""
     plan = ta.scenario(METRO).prepare().profile

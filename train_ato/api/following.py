@@ -20,7 +20,7 @@ from train_ato.judge.recording import TRUTH, Recording
 from train_ato.judge.verdict import unmet_requirements
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.headway import HeadwayProfile, following_weight
+from train_ato.loop.headway import following_weight, smooth_step
 from train_ato.loop.train_ahead import reporter_of
 from train_ato.program.display_units import stored_units
 from train_ato.program.errors import RunFailed
@@ -33,7 +33,7 @@ SUMMARY = "summary.json"
 MIN_DEVIATION = 1e-9
 """Smallest deviation of a speed that another one is divided by [m/s]."""
 MAX_BACKWARDS = 1.0
-"""Largest speed backwards of a profile behind a train, which has such speeds of some mm/s before a stop [m/s]."""
+"""Largest speed backwards of a profile without a delay, which has such speeds of some mm/s before a stop [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -114,18 +114,21 @@ def _check_start(ahead: RunSetup, setup: RunSetup) -> None:
 
 
 def _check_headway(setup: RunSetup) -> None:
-    """Check that a train can be one headway behind the start of the train ahead without a run backwards."""
+    """Check that a train does not wait from its start on to be one headway behind the train ahead.
+
+    It waits if it would run backwards to be at the place of the train ahead without a delay of its profile.
+    """
     spec, own = setup.scenario.leader, setup.profile
     if spec is None or spec.headway is None:
         return
-    behind = HeadwayProfile(setup).step(0)
-    if behind is None or behind.velocity.min() >= -MAX_BACKWARDS:
-        return
     place = setup.leader_reports[0].front - setup.consist.vehicles[0].length / 2.0
     beyond, there = own.at(spec.headway)[0] - place, float(own.time[np.searchsorted(own.position, place)])
+    fading = smooth_step(own.time - own.time[1], spec.smoothing).times(following_weight(own, spec))
+    if beyond <= 0.0 or (own.velocity - beyond * fading.rate).min() >= -MAX_BACKWARDS:
+        return
     raise ValueError(
         f"leader.headway = {spec.headway:g}: after this time the own profile is {beyond:.0f} m beyond "
-        "the first place of the train ahead, and the train would have to run backwards; "
+        "the first place of the train ahead, and the train would have to wait for it; "
         f"write {there:.0f} s, or change profile.since by as much"
     )
 

@@ -5,12 +5,14 @@ profile is averaged over the smoothing time on both sides, with the weight (1 - 
 headway is longer. The profile is the own profile plus this deviation. So a jump of the reported place at a balise
 becomes a smooth motion, and the parts of the own profile are not averaged. Beyond the newest report the deviation
 stays. The train is at most a few metres ahead of its own profile, also if the train ahead drives on. Near a stop of the
-own profile the deviation fades to 0, so that the train stops at its own place. A new profile begins at the present
-profile. Within the smoothing time it changes to the deviation of the new reports.
+own profile the deviation fades to 0, so that the train stops at its own place. If the train ahead reaches or leaves a
+stop late, the own profile does so too, and only what remains fades. A new profile begins at the present profile. Within
+the smoothing time it changes to the deviation of the new reports.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -29,6 +31,12 @@ MAX_LEAD = 20.0
 """Largest distance before the own profile [m]: it brakes for the own stop, also behind a train that runs on."""
 REST_SPEED = 1e-6
 """Speed up to which a knot is at rest [m/s]."""
+FADING_ACCELERATION = 0.1
+"""Largest acceleration with which a deviation fades near a stop [m/s²]; of a larger deviation the rest is a delay."""
+STEP_CURVATURE = 10.0 / 3.0**0.5
+"""Largest curvature of :func:`smooth_step` for a duration of 1."""
+RECOVERED = 0.25
+"""Largest part of the time between two stops that the train recovers of a delay."""
 
 
 class SmoothFunction(NamedTuple):
@@ -65,22 +73,30 @@ def smooth_step(time: Array, duration: float) -> SmoothFunction:
     )
 
 
-def following_weight(profile: Profile, spec: LeaderSpec) -> SmoothFunction:
-    """Return the weight of the deviation at the knots.
-
-    It is 0 at a stop of the profile and after the time ``until``, 1 one smoothing time before and after a stop.
-    """
-    duration = spec.smoothing
+def stop_weight(profile: Profile, duration: float) -> SmoothFunction:
+    """Return a weight at the knots: 0 at a stop of the profile, 1 at least a duration [s] before and after a stop."""
     at_rest = np.abs(profile.velocity) <= REST_SPEED
     places = np.arange(profile.time.size)
     before = np.maximum.accumulate(np.where(at_rest, places, -(10**9)))
     after = np.minimum.accumulate(np.where(at_rest, places, 10**9)[::-1])[::-1]
     since = smooth_step(np.asarray((places - before) * profile.period, dtype=np.float64), duration)
     until = smooth_step(np.asarray((after - places) * profile.period, dtype=np.float64), duration)
-    weight = since.times(SmoothFunction(until.value, -until.rate, until.curvature))
+    return since.times(SmoothFunction(until.value, -until.rate, until.curvature))
+
+
+def following_weight(profile: Profile, spec: LeaderSpec) -> SmoothFunction:
+    """Return the weight of the deviation at the knots.
+
+    It is 0 at a stop of the profile and after the time ``until``, 1 one smoothing time before and after a stop.
+    """
+    return fading_until(profile.time, stop_weight(profile, spec.smoothing), spec)
+
+
+def fading_until(times: Array, weight: SmoothFunction, spec: LeaderSpec) -> SmoothFunction:
+    """Return a weight at times [s] that fades to 0 at the time ``until``."""
     if spec.until is None:
         return weight
-    left = smooth_step(spec.until - profile.time, duration)
+    left = smooth_step(spec.until - times, spec.smoothing)
     return weight.times(SmoothFunction(left.value, -left.rate, left.curvature))
 
 
@@ -91,6 +107,89 @@ def averaging_kernel(half: int, period: float) -> SmoothFunction:
     whole, span = float((rest**3).sum()), half * period
     bend = (24.0 * u**2 * rest - 6.0 * rest**2) / (whole * span**2)
     return SmoothFunction(rest**3 / whole, -6.0 * u * rest**2 / (whole * span), bend - bend.mean())
+
+
+class DelayedProfile:
+    """The own profile with the delays of the train ahead at the stops.
+
+    A delay changes between two stops as :func:`smooth_step` of the own time, and during a stop linearly.
+
+    Parameters
+    ----------
+    own
+        The profile.
+    smoothing
+        Time before and after a stop in which a deviation fades [s].
+    """
+
+    def __init__(self, own: Profile, smoothing: float) -> None:
+        self._own, self._smoothing = own, smoothing
+        self._weight = stop_weight(own, smoothing)
+        at_rest = np.concatenate(([False], np.abs(own.velocity) <= REST_SPEED, [False]))
+        at_rest[-2] = True  # the end counts as a stop
+        self._stops = np.flatnonzero(np.diff(at_rest)).reshape(-1, 2) - (0, 1)
+        self._fading = FADING_ACCELERATION * smoothing**2 / STEP_CURVATURE
+        self._delay = SmoothFunction(*np.zeros((3, own.time.size)))
+
+    @property
+    def lasting(self) -> float:
+        """Delay at the end [s]; 0 for a profile that ends in motion."""
+        return 0.0 if self._own.ends_rolling else float(self._delay.value[-1])
+
+    def set_delays(self, times: Array, places: Array) -> None:
+        """Set the delays with which a train has places [m] at times [s].
+
+        The delay is the least one with which the profile is ahead of the train by at most what fades near a stop.
+        """
+        own, late, begin = self._own, 0.0, self._own.start
+        reached = np.maximum.accumulate(places) + self._fading
+        newest = float(np.interp(reached[-1], own.position, own.time))
+        self._delay = SmoothFunction(*np.zeros((3, own.time.size)))
+        departures = [(-np.inf, 0.0)]
+
+        def delay_at(t: float) -> float:
+            place = own.at(t)[0]
+            if place > reached[-1]:  # the train is not there yet, and late at least from its newest place on
+                return max(late, float(times[-1]) - min(t, newest))
+            return max(0.0, float(np.interp(place, reached, times, left=-np.inf)) - t)
+
+        for first, last in self._stops.tolist():
+            end = float(own.time[first]) - self._smoothing
+            if end > begin:
+                change = max(delay_at(end) - late, RECOVERED * (begin - end))
+                step = smooth_step(own.time - begin, max(min(end, newest), begin + self._smoothing) - begin)
+                self._delay = self._delay.plus(SmoothFunction(*(change * part for part in step)))
+                late += change
+            begin = float(own.time[last]) + self._smoothing
+            if last < own.time.size - 1:
+                change = max(delay_at(begin) - late, 0.0)
+                stay = np.clip((np.arange(own.time.size) - first) / max(last - first, 1), 0.0, 1.0)
+                self._delay = self._delay._replace(value=self._delay.value + change * stay)
+                late += change
+                departures.append((float(own.time[last]) + late, late))
+        self._departures = np.array(departures).T
+
+    def deviation(self, t: Array, places: Array) -> Array:
+        """Return how far places [m] at times [s] are ahead of the profile [m].
+
+        They are at most ``MAX_LEAD`` ahead of the profile, also of one that kept its delay since the last departure.
+        """
+        left, late = self._departures
+        kept = self._own.at_times(t - late[np.searchsorted(left, t, "right") - 1])[0]
+        profile = self.at(t)[0].value
+        return np.minimum(places, np.maximum(profile, kept) + MAX_LEAD) - profile
+
+    def at(self, t: Array) -> tuple[SmoothFunction, SmoothFunction]:
+        """Return the profile and its weight near the stops at times [s]."""
+        own = self._own
+        delay, rate, curvature = self._delay
+        s = np.interp(t, own.time + delay, own.time) if delay.any() else t
+        stretch, bend = 1.0 + np.interp(s, own.time, rate), np.interp(s, own.time, curvature)
+
+        def over_time(value: Array, slope: Array, curve: Array) -> SmoothFunction:
+            return SmoothFunction(value, slope / stretch, (curve - slope * bend / stretch) / stretch**2)
+
+        return over_time(*own.at_times(s)), over_time(*(np.interp(s, own.time, part) for part in self._weight))
 
 
 class HeadwayProfile:
@@ -111,19 +210,22 @@ class HeadwayProfile:
         self._half = setup.consist.vehicles[0].length / 2.0
         self._side = max(2, round(spec.smoothing / setup.profile.period))
         self._kernel = averaging_kernel(self._side, setup.profile.period)
-        self._weight = following_weight(setup.profile, spec)
-        self._found = SmoothFunction(*np.zeros((3, setup.profile.time.size)))
+        self._spec, self._delayed = spec, DelayedProfile(setup.profile, spec.smoothing)
+        own, self._time = setup.profile, setup.profile.time
+        self._present = SmoothFunction(own.position.copy(), own.velocity.copy(), own.acceleration.copy())
         self._every = max(1.0, (spec.headway - spec.smoothing - spec.link.longest - RESERVE) / 2.0)
+        self._last = math.inf if spec.until is None else spec.until - spec.smoothing / 2.0
         self._times: list[float] = []
-        self._deviations: list[float] = []
+        self._places: list[float] = []
         self._built_at = -np.inf
         self._due: int | None = None
 
     def _take(self, time: float, front: float) -> None:
-        """Keep the deviation of a report from the own profile one headway later."""
-        at = time + self._headway
-        self._times.append(at)
-        self._deviations.append(min(front - self._half - self._own.at(at)[0], MAX_LEAD))
+        """Keep the place of a report, which counts one headway later, up to the middle of the fading at ``until``."""
+        counts = time + self._headway
+        if counts <= self._last or not self._times:
+            self._times.append(counts)
+            self._places.append(front - self._half)
 
     def step(self, stamp: int, ahead: TrainAhead | None = None) -> Profile | None:
         """Return a new profile at a stamp [ns] if the reports, also a live one, give enough more of it, else None."""
@@ -152,28 +254,35 @@ class HeadwayProfile:
     def _built(self, stamp: int) -> Profile | None:
         """Return the profile of the reports so far; None at its end."""
         own = self._own
+        self._delayed.set_delays(np.array(self._times), np.array(self._places))
+        later = own.time.size + math.ceil(self._delayed.lasting / own.period) - self._time.size
+        if later > 0:
+            self._time = own.start + own.period * np.arange(float(self._time.size + later))
+            self._present = SmoothFunction(*(np.pad(part, (0, later), "edge") for part in self._present))
         first = (stamp - own.start_ns) // own.period_ns + 1
-        if first < 0 or first >= own.time.size - 2:
+        if first < 0 or first >= self._time.size - 2:
             return None
         ahead = slice(first, None)
-        new, old = self._averaged(first), SmoothFunction(*(part[ahead] for part in self._found))
-        change = smooth_step(own.time[ahead] - own.time[first], self._smoothing).times(new.minus(old))
-        for part, added in zip(self._found, change, strict=True):
-            part[ahead] += added
-        shift = self._found.times(self._weight)
+        profile, weight = self._delayed.at(self._time)
+        deviation = SmoothFunction(*(np.zeros((3, self._time.size))))
+        for part, found in zip(deviation, self._averaged(first), strict=True):
+            part[ahead] = found
+        wanted = profile.plus(deviation.times(fading_until(self._time, weight, self._spec)))
+        change = smooth_step(self._time - self._time[first], self._smoothing).times(wanted.minus(self._present))
+        self._present = self._present.plus(change)
         kept = slice(max(0, first - round(KEPT_TIME / own.period)), None)
-        columns = (own.position, own.velocity, own.acceleration)
-        return Profile(own.time[kept], *(a[kept] + b[kept] for a, b in zip(columns, shift, strict=True)))
+        return Profile(self._time[kept], *(part[kept] for part in self._present))
 
     def _averaged(self, first: int) -> SmoothFunction:
         """Return the averaged deviation from a knot on; beyond the reports it stays."""
         own, side = self._own, self._side
         known = round((self._times[-1] - own.start) / own.period) + 2 * side
-        last = int(np.clip(known, first + 1, own.time.size))
+        last = int(np.clip(known, first + 1, self._time.size))
         times = own.start + own.period * np.arange(first - side, last + side)
-        raw = np.interp(times, self._times, self._deviations)
-        found = np.zeros((3, own.time.size - first))
-        found[0] = self._deviations[-1]
+        deviations = self._delayed.deviation(np.array(self._times), np.array(self._places))
+        raw = np.interp(times, self._times, deviations)
+        found = np.zeros((3, self._time.size - first))
+        found[0] = deviations[-1]
         _average(raw, np.array(self._kernel), found[:, : last - first])
         return SmoothFunction(*found)
 
