@@ -65,6 +65,12 @@ def files(tmp_path: Path) -> Path:
     (tmp_path / "bench.json").write_text(json.dumps(BENCH | {"tunnels": TUNNELS, "altitude": quantity(5, "m")}))
     (tmp_path / "train.yaml").write_text(yaml.safe_dump(TRAIN))
     (tmp_path / "path.yaml").write_text(yaml.safe_dump(PATH))
+    for name, data in (("stock.json", STOCK), ("ore.yaml", ORE), ("net.yaml", [{}, LINKS])):
+        (tmp_path / name).write_text(json.dumps(data))
+    (tmp_path / "line.csv").write_text(TABLE)
+    (tmp_path / "stock.railml").write_text(RAIL_STOCK_2)
+    (tmp_path / "net.railml").write_text(RAIL_2)
+    (tmp_path / "way.gpx").write_text(gpx(track(), {"A": track()[0], "B": track()[-1]}))
     return tmp_path
 
 
@@ -158,7 +164,13 @@ def _written(path: Path, data: dict[str, Any]) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize(("consist", "line"), [("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml")])
+@pytest.mark.parametrize(
+    ("consist", "line"),
+    [
+        ("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml"), ("ore.yaml", "net.yaml:1..4"),
+        ("stock.json:thermal", "line.csv"), ("stock.json", "way.gpx"), ("stock.railml", "net.railml:West..t2"),
+    ],
+)  # fmt: skip
 def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, line: str) -> None:
     """Breaks if a scenario reads own YAML only, or another line or train than plan; its folder is the base."""
     scenario = {
@@ -310,38 +322,6 @@ def test_an_osrd_train_goes_back_unchanged(tmp_path: Path, capsys: pytest.Captur
     assert main(["convert", str(stock), str(own)]) == 0 and main(["convert", str(own), str(back)]) == 0
     assert json.loads(back.read_text()) == STOCK
     assert "startup_time, startup_acceleration: no effect here" in capsys.readouterr().err
-
-
-BROUGHT: dict[str, tuple[str, str, float]] = {
-    "osrd": ("stock.json:thermal", "xuzhou_metro_test", 200.0), "table": ("stock.json", "line.csv", 12_200.0),
-    "altrios": ("ore.yaml", "net.yaml:1..4", 700.0), "gpx": ("stock.json", "way.gpx", 200.0),
-    "railml 2": ("stock.railml", "net.railml:West..t2", 200.0),
-}  # fmt: skip
-"""Train, line, and place of the first vehicle [m], by the format under test."""
-
-
-@pytest.mark.parametrize("form", BROUGHT)
-def test_a_brought_file_is_planned_run_reported_and_converted(tmp_path: Path, form: str) -> None:
-    """Breaks if a step from the file to the report refuses it, or the own file has another line or train."""
-    for name, data in (("stock.json", STOCK), ("ore.yaml", ORE), ("net.yaml", [{}, LINKS])):
-        (tmp_path / name).write_text(json.dumps(data))
-    (tmp_path / "line.csv").write_text(TABLE)
-    (tmp_path / "stock.railml").write_text(RAIL_STOCK_2)
-    (tmp_path / "net.railml").write_text(RAIL_2)
-    (tmp_path / "way.gpx").write_text(gpx(track(), {"A": track()[0], "B": track()[-1]}))
-    consist, line = (str(tmp_path / name) if "." in name else name for name in BROUGHT[form][:2])
-    assert main(["plan", line, consist, "--point-mass", "--no-air-brake", "--out", str(tmp_path / "plan.csv")]) == 0
-    scenario = {
-        "schema": "train_ato/scenario/1", "name": "brought", "duration": 8,
-        "plant": {"consist": consist, "line": line, "start": {"position": BROUGHT[form][2]}},
-        "profile": {"phases": [{"cruise_for": 2}, {"accelerate_to": 2}, {"brake_to": 0}]},
-    }  # fmt: skip
-    assert main(["run", "--engine", _written(tmp_path / "s.yaml", scenario), "--out", str(tmp_path / "run")]) == 0
-    assert main(["report", str(tmp_path / "run")]) == 0
-    assert (tmp_path / "run" / "report.html").stat().st_size > 1000
-    for name, load in ((consist, load_consist), (line, load_line)):
-        own = tmp_path / f"own_{load.__name__}.yaml"
-        assert main(["convert", name, str(own)]) == 0 and load(str(own)) == load(name)
 
 
 def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> None:
