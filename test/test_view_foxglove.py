@@ -218,10 +218,14 @@ def answer(port: int, path: str, host: str) -> http.client.HTTPResponse:
     return connection.getresponse()
 
 
-def test_the_page_is_in_no_frame_and_under_no_other_name(short_run):
-    """Breaks if a page of another origin can frame the live page, or read it after a change of its name server."""
-    with viewing(str(short_run)) as view:
-        port = int(view.url.rstrip("/").rpartition(":")[2])
+def test_pages_of_others_reach_nothing(short_run):
+    """Breaks if a page of another origin can frame, read or control the live page, or read the topics of a run.
+
+    It must not do so after a change of its name server either; and other machines cannot connect.
+    """
+    with viewing(str(short_run), "--foxglove", "0", lines=2) as view:
+        page, url = view.url.rstrip("/"), view.lines[1].strip()
+        port = int(page.rpartition(":")[2])
         for path in ("/", "/static/js/bokeh.min.js", "/nothing"):
             found = answer(port, path, f"localhost:{port}")
             assert found.status == (404 if path == "/nothing" else 200)
@@ -231,18 +235,18 @@ def test_the_page_is_in_no_frame_and_under_no_other_name(short_run):
             for path in ("/", "/ws", "/autoload.js"):
                 assert answer(port, path, host).status == 403, host
         assert answer(port, "/", f"[::1]:{port}").status == 200
-        assert view.end() == 0
-        assert view.process.stderr.read() == ""
-
-
-def test_only_pages_of_this_machine_and_foxglove_read_the_topics(short_run):
-    """Breaks if any page that is open in a browser can read the topics of a run."""
-    with viewing(str(short_run), "--foxglove", "0", lines=2) as view:
-        url = view.lines[1].strip()
+        for origin, allowed in (("http://evil.example", False), (page, True)):
+            assert asyncio.run(connects(f"ws://127.0.0.1:{port}/ws", origin, "bokeh", "no token")) is allowed, origin
         for origin, allowed in ORIGINS:
             assert asyncio.run(connects(url, origin, PROTOCOLS[0])) is allowed, origin
         assert asyncio.run(connects(url, None, PROTOCOLS[0], host="evil.example")) is False
+        for found in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET):
+            if not found[4][0].startswith("127."):
+                with socket.socket() as outside:
+                    outside.settimeout(5)
+                    assert outside.connect_ex((found[4][0], port)) != 0
         assert view.end() == 0
+        assert view.process.stderr.read() == ""
 
 
 def test_an_open_address_is_named(short_run):

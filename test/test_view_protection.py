@@ -111,28 +111,6 @@ def test_equal_limits_are_no_full_ring(braked: Path) -> None:
 
 
 @pytest.mark.graph
-def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> None:
-    """Breaks if states, limits or ring are not drawn, or a run without a supervisor has them."""
-    with browser() as page, viewing(str(braked)) as view:
-        opened(page, view.url, frames=1)
-        page.evaluate("model('time').value = 193.5")
-        wait_for(lambda: page.evaluate("document.body.dataset.ato") == "disengaging", "the state of that time")
-        assert text(page, "supervision_text") == "service brake"
-        assert number(page, "permitted_text") < number(page, "warning_text") < number(page, "emergency_text")
-        drawn = page.evaluate("model('now').data.emergency_angle[0]")
-        assert drawn < page.evaluate("model('now').data.permitted_angle[0]")
-        rings = page.evaluate("model('dial').renderers.length")
-        page.screenshot(tmp_path / "braked.png")
-        assert page.console == []
-        assert view.end() == 0
-    with browser() as page, viewing(str(plain)) as view:
-        opened(page, view.url, frames=1)
-        assert page.evaluate("document.querySelector('.protection')") is None
-        assert rings - page.evaluate("model('dial').renderers.length") == len(LIMIT_NAMES) - 1
-        assert page.console == []
-
-
-@pytest.mark.graph
 def test_the_ato_is_disengaged_and_engaged_by_buttons(tmp_path: Path) -> None:
     """Breaks if a button has no effect on the node, a refusal has no reason, or the state does not follow."""
     folder = tmp_path / "run"
