@@ -393,13 +393,13 @@ def test_a_deeper_reduction_is_used_where_the_first_is_too_weak(tmp_path: Path) 
     assert found == [20e3, 50e3]
 
 
-@pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
-def test_the_nodes_decide_as_the_engine(way: list[str], tmp_path: Path) -> None:
+@pytest.mark.graph
+def test_the_nodes_decide_as_the_engine(tmp_path: Path) -> None:
     pytest.importorskip("rclpy")
     rules = {"never_below_kmh": 10, "min_application": 10, "pause": 20}
     short = sets_on_fall(tmp_path, rules, duration=110.0, start=3300.0, end=4300.0)
     sets = [f"--set={text}" for text in short]
-    for name, options in (("engine", ["--engine"]), ("nodes", way)):
+    for name, options in (("engine", ["--engine"]), ("nodes", [])):
         assert main(["run", "demo", "--json", f"--out={tmp_path / name}", *options, *sets]) == 0
     setup, _ = read_run_folder(tmp_path / "nodes")
     assert len(changes_of(recording_of(setup))) >= 2

@@ -413,6 +413,7 @@ def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Ter
         ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
         ("plant", ["--scenario=demo", "--rate=2", "--ros-args", "-p", "rate:=3"], "rate: 3: --rate has another value"),
         ("profile", [], "--scenario"),
+        ("supervisor", ["--scenario=xuzhou_metro"], "the run has no supervision; set supervision.enabled: true"),
     ],
 )  # fmt: skip
 def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, terminals: Terminals) -> None:

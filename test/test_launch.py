@@ -12,11 +12,9 @@ from unittest.mock import MagicMock
 
 import pytest
 import yaml
-from programs import python
 
 from train_ato.cli.main import main
 from train_ato.messages.topics import Role
-from train_ato.program.arguments import BAD_INPUT
 from train_ato.ros.standalone.entry import run_role
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,12 +132,3 @@ def test_the_parameters_of_a_scenario_are_those_of_its_nodes(capsys: pytest.Capt
     shipped = yaml.safe_load((ROOT / "config" / "demo.yaml").read_text())
     told = json.loads(capsys.readouterr().out)
     assert {f"/**/{node}": {"ros__parameters": values} for node, values in told.items()} == shipped
-
-
-@pytest.mark.graph
-def test_a_node_that_the_scenario_lacks_is_refused() -> None:
-    """Breaks if a supervisor of a run without supervision ends with a traceback."""
-    pytest.importorskip("rclpy")
-    ended = python("-m", "train_ato.cli.nodes", "supervisor", "--scenario=xuzhou_metro")
-    assert ended.returncode == BAD_INPUT
-    assert ended.stderr == "supervisor: xuzhou_metro: the run has no supervision; set supervision.enabled: true\n"

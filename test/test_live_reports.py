@@ -134,22 +134,11 @@ def test_view_and_scene_show_the_train_of_their_namespace(trains: Any, tmp_path:
 
 
 @pytest.mark.graph
-def test_two_programs_drive_as_one_train_after_the_other(trains: Any, tmp_path: Path) -> None:
-    """Breaks if a report is lost, waits for the last one after the end, or if the log lacks what `verify` needs."""
-    runs, scenarios = trains
-    with programs_of(scenarios, tmp_path) as programs:
-        said = {name: program.communicate(timeout=LIMIT_S)[1] for name, program in programs.items()}
-    assert [program.returncode for program in programs.values()] == [0, 0], said
-    assert "goes on without" not in said["t2"]
-    found = ta.load(tmp_path / "t2")
-    assert_equal(found, runs["t2"])
-    assert found["train/ahead"]["reported_s"].max() == runs["t1"]["train/odometry"].index.max()
-    assert ta.verify(tmp_path / "t2").equal
+def test_one_command_starts_all_trains(trains: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a figure of the common summary is not that of the trains one after the other, or a report is lost.
 
-
-@pytest.mark.graph
-def test_one_command_starts_all_trains(trains: Any, tmp_path: Path) -> None:
-    """Breaks if a figure of the common summary is not that of the trains one after the other."""
+    The train behind must not wait for the last report after the end, and its log must have what `verify` needs.
+    """
     pytest.importorskip("rclpy")
     out = tmp_path / "out"
     words = [str(following_file(tmp_path)), "--live", f"--out={out}", *(f"--set={change}" for change in CHANGES)]
@@ -158,6 +147,11 @@ def test_one_command_starts_all_trains(trains: Any, tmp_path: Path) -> None:
     assert [row["mode"] for row in rows] == ["composed", "composed"]
     figures = follower_figures(due["t1"].recording, due["t2"].recording, due["t2"].setup)
     assert len(figures) > 3 and {key: rows[1][key] for key in figures} == figures
+    assert "goes on without" not in capfd.readouterr().err
+    found = ta.load(out / "t2")
+    assert_equal(found, due["t2"])
+    assert found["train/ahead"]["reported_s"].max() == due["t1"]["train/odometry"].index.max()
+    assert ta.verify(out / "t2").equal
 
 
 @pytest.mark.graph

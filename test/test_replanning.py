@@ -261,12 +261,12 @@ def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
-def test_all_modes_change_the_profile_at_the_same_stamp(way: list[str], engine_run: Path, tmp_path: Path) -> None:
+@pytest.mark.graph
+def test_the_nodes_change_the_profile_at_the_same_stamp(engine_run: Path, tmp_path: Path) -> None:
     """Breaks if a controller uses a new profile a tick earlier or later than the engine does."""
     pytest.importorskip("rclpy")
     out = tmp_path / "run"
-    assert main(["run", "xuzhou_metro", "--json", f"--out={out}", *way, *SHORT]) == 0
+    assert main(["run", "xuzhou_metro", "--json", f"--out={out}", *SHORT]) == 0
     assert read_run_folder(out)[1]["replans"] == 1
     assert compared(engine_run, out).first is None
 

@@ -74,10 +74,12 @@ def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
 
 
 def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
-    """Breaks if a case is run for every claim or key that names it."""
+    """Breaks if a case is run for every claim or key that names it, or one failed figure loses the verdicts."""
     log, case = tmp_path / "calls", counted(tmp_path)
     claims = [Claim("first", "1", ("a",), _holds), Claim("second", "1", ("b",), _holds)]
-    done = _run([_paper({"a": case, "b": case}, *claims), _paper({"c": case})], tmp_path)
+    fails = Mock(side_effect=KeyError("gone"))
+    done = _run([_paper({"a": case, "b": case}, *claims, figures=fails), _paper({"c": case})], tmp_path)
+    assert "gone" in done[0].complaints[0]
     assert len(log.read_text().split()) == 1
     assert str(os.getpid()) not in log.read_text().split()
     assert [row["verdict"] for row in done[0].rows] == ["reproduced", "reproduced"]
@@ -188,13 +190,6 @@ def test_figures_are_for_print(tmp_path: Path) -> None:
     assert second.lines[0].get_drawstyle() == "steps-post"
     paper = _paper({"a": SHORT}, Claim("s", "-", ("a",), _holds))
     assert "| `speed` | Speed over time |" in section(paper, [], {}, [drawn])
-
-
-def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
-    """Breaks if one failed figure loses the verdicts."""
-    fails = Mock(side_effect=KeyError("gone"))
-    (done,) = _run([_paper({"a": counted(tmp_path)}, Claim("s", "-", ("a",), _holds), figures=fails)], tmp_path)
-    assert len(done.rows) == 1 and "gone" in done.complaints[0]
 
 
 def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
