@@ -232,7 +232,7 @@ class Ends(Pid):
 @pytest.mark.parametrize(
     ("mode", "end"),
     [
-        *itertools.product(("--engine", "--composed", "--processes"), ("sys.exit(0)", "os._exit(0)")),
+        *itertools.product(("--engine", "--composed"), ("sys.exit(0)", "os._exit(0)")),
         ("--engine", "os.execl('/bin/true', 'true')"),
         ("--processes", "os.execv('/bin/true', ['true'])"),
     ],
