@@ -352,29 +352,24 @@ def driving(terminals: Terminals, tmp_path: Path) -> Path:
     return partial
 
 
+LOST = "node plant failed: its messages ended without the notice of the end of the run"
+
+
 @pytest.mark.graph
-def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a node waits for ever for a plant that has ended, or the log is not closed."""
+@pytest.mark.parametrize(
+    ("number", "status", "said"), [(signal.SIGINT, "interrupted", ""), (signal.SIGKILL, "failed", LOST)]
+)
+def test_the_end_of_the_plant_ends_all_nodes(number, status, said, terminals, tmp_path):
+    """Breaks if a node waits for ever, the log is not closed, or a cut link counts as the end of the run."""
     partial = driving(terminals, tmp_path)
-    terminals.processes["plant"].send_signal(signal.SIGINT)
-    assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
-    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
-    assert summary["status"] == "interrupted" and 10 < summary["ticks"] < 6000
-    assert not partial.exists()
-
-
-@pytest.mark.graph
-def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a cut link counts as the end of the run: exit status 0, or a summary of a complete run."""
-    driving(terminals, tmp_path)
-    terminals.processes["plant"].kill()
+    terminals.processes["plant"].send_signal(number)
     ends = terminals.ends()
-    said = "node plant failed: its messages ended without the notice of the end of the run"
+    for role in ROLES[: -1 if said else None]:
+        ended, text = ends[role]
+        assert (ended, len(text.splitlines()), text.startswith(said)) == (bool(said), bool(said), True), (role, text)
     summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
-    assert summary["status"] == "failed" and summary["failure"].startswith(said)
-    for role in ROLES[:-1]:
-        status, text = ends[role]
-        assert (status, len(text.splitlines()), text.startswith(said)) == (1, 1, True), (role, text)
+    assert summary["status"] == status and 10 < summary["ticks"] < 6000
+    assert (summary.get("failure") or "").startswith(said) and not partial.exists()
 
 
 @pytest.mark.graph

@@ -443,9 +443,12 @@ def test_lost_and_late_commands_are_metrics() -> None:
 
 
 def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None:
-    """Breaks if a title names the first law only."""
-    changes = "--set=law_changes=[{at: 10, law: smc}, {at: 20, laws: {smc: {ks: 0.5}}}]"
-    data = page_data(open_recording(drive(tmp_path, "swapped", "demo", "--set=duration=30", changes)))
+    """Breaks if a title names the first law only, or error metrics end before the stop and no figure says so."""
+    changes, cut = (
+        "--set=law_changes=[{at: 10, law: smc}, {at: 20, laws: {smc: {ks: 0.5}}}]",
+        "--set=evaluation.until_km=0.9",
+    )
+    data = page_data(open_recording(drive(tmp_path, "swapped", "demo", "--set=duration=30", changes, cut)))
     laws = "pid → smc at 10 s, parameters changed"
     assert driven_laws(data.summary) == data.facts["law"] == laws
     assert laws in titles(data.summary)[0]
@@ -453,6 +456,11 @@ def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None
     page = (tmp_path / "page.html").read_text()
     assert f"<h1>demo: {laws}</h1>" in page and f"<title>demo: {laws}" in page
     assert f"swapped: {laws}" in comparison_title([data, data])
+    note = "error metrics end at km 0.9; those of the run include the braking to the stop"
+    for sections in (run_sections(data)[0], comparison_sections([data, data])[0]):
+        captions = {placed.heading: placed.caption for section in sections for placed in section.placed}
+        assert note in captions["Speed error"] and note in captions["Position error"]
+        assert note not in captions["Extremes" if "Extremes" in captions else "Largest draft along the train"]
 
 
 def test_the_laws_of_a_run_are_named_in_their_order() -> None:
@@ -461,17 +469,6 @@ def test_the_laws_of_a_run_are_named_in_their_order() -> None:
     assert driven_laws({"controller": "pid", "changes": many}).endswith("→ ... (8 changes)")
     again = {"at_s": 9.0, "name": "controller", "value": "pid"}
     assert driven_laws({"controller": "pid"}) == driven_laws({"controller": "pid", "changes": [again]}) == "pid"
-
-
-def test_error_figures_name_the_part_that_the_metrics_leave_out(tmp_path: Path) -> None:
-    """Breaks if the metrics end before the stop and the figure does not say so."""
-    run = drive(tmp_path, "cut", "demo", "--set=duration=20", "--set=evaluation.until_km=0.9")
-    data = page_data(open_recording(run))
-    note = "error metrics end at km 0.9; those of the run include the braking to the stop"
-    for sections in (run_sections(data)[0], comparison_sections([data, data])[0]):
-        captions = {placed.heading: placed.caption for section in sections for placed in section.placed}
-        assert note in captions["Speed error"] and note in captions["Position error"]
-        assert note not in captions["Extremes" if "Extremes" in captions else "Largest draft along the train"]
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_a_judge_that_cannot_work_with_the_figures_is_no_traceback() -> None:
 
 
 def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
-    """Breaks if a long case is run, or a claim is judged without its case."""
+    """Breaks if a long case is run, a claim is judged without its case, or ``--claim`` runs or judges others."""
     cases = {"short": counted(tmp_path), "long": counted(tmp_path, 2.0, full_only=True)}
     claims = (Claim("s", "-", ("short",), _holds), Claim("l", "-", ("short", "long"), _holds))
     paper = _paper(cases, *claims)
@@ -142,14 +142,8 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
     assert list(quick.results) == ["short"] and len(quick.rows) == 1
     (whole,) = _run([paper], tmp_path, full=True)
     assert list(whole.results) == ["short", "long"] and len(whole.rows) == 2
-
-
-def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
-    """Breaks if ``--claim`` runs other cases, judges other claims, or accepts a text that is in no claim."""
-    cases = {"a": counted(tmp_path), "b": counted(tmp_path, 2.0)}
-    paper = _paper(cases, Claim("tracks", "-", ("a",), _holds), Claim("stays calm", "-", ("b",), _holds))
-    (done,) = _run(with_claim([paper], "CALM"), tmp_path)
-    assert list(done.results) == ["b"] and [row["claim"] for row in done.rows] == ["stays calm"]
+    (done,) = _run(with_claim([replace(paper, number="998")], "S"), tmp_path, full=True)
+    assert list(done.results) == ["short"] and [row["claim"] for row in done.rows] == ["s"]
     assert not done.complaints and not done.figures
     with pytest.raises(ValueError, match="--claim 'wild': in no claim of 999"):
         with_claim([paper], "wild")
