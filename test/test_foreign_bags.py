@@ -64,6 +64,7 @@ def mcap(
     idl: bool = False,
     publish: bool = True,
     part: str = "/msg/",
+    attached: tuple[bytes, ...] = (),
     **options: object,
 ) -> Path:
     """Write a file with the package ``mcap``; ``part`` is that between package and type in the names of types."""
@@ -80,6 +81,8 @@ def mcap(
                 schema = writer.register_schema(kind_name, "ros2idl" if idl else "ros2msg", text)
                 known[name] = writer.register_channel(name, "cdr", schema, dict(message.channel.metadata))
             writer.add_message(known[name], message.log_ns, message.data, message.publish_ns if publish else 0)
+        for scenario in attached:
+            writer.add_attachment(0, 0, "scenario.yaml", "text/yaml", scenario)
         writer.finish()
     return path
 
@@ -320,6 +323,14 @@ def test_times_of_a_bag_with_wall_times_begin_at_its_first_message(run, messages
     late = [m._replace(publish_ns=m.publish_ns + by, log_ns=m.log_ns + by) for m in messages]
     one, other = (answer(capsys, "info", str(bag))["topics"] for bag in (mcap(late, tmp_path / "a.mcap"), run))
     assert one == other
+
+
+def test_a_log_of_merged_runs_is_refused_and_not_mixed(run, messages, tmp_path, capsys):
+    """Breaks if `report` ends with a traceback, or a law is replayed on inputs of two runs in turn."""
+    twice, scenario = sorted([*messages, *messages], key=lambda m: m.log_ns), (run / "scenario.yaml").read_bytes()
+    merged = str(mcap(twice, tmp_path / "merged.mcap", attached=(scenario, scenario)))
+    assert "train/measurement: two messages of one time: several runs" in complaint(capsys, "report", merged)
+    assert "two attachments scenario.yaml: several runs" in complaint(capsys, "replay", merged, "--law", "pid")
 
 
 def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):

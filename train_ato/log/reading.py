@@ -13,10 +13,11 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from train_ato.log.bag_layout import LOG, PARTIAL, table_name
-from train_ato.log.foreign_bag import as_mcap
+from train_ato.log.foreign_bag import as_mcap, original
 from train_ato.log.mcap_records import Progress, attachment_of, metadata_of, readable, records, stream
 from train_ato.messages.topics import EPOCH_NS
 
+MERGED = "several runs, or a run and its copy, are merged in this log; name the log of one run"
 MAX_RUN_NS = 86_400 * 10**9
 """Maximum duration of a run [ns]."""
 
@@ -78,15 +79,18 @@ def being_written(path: Path) -> bool:
     return False
 
 
-def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
+def attachments(path: Path, *, broken: bool = False, once: str = "") -> dict[str, bytes]:
     """Return the attachments of a log by name.
 
     Raises
     ------
     ValueError
-        If the file is not a log or damaged.
+        If the file is not a log or damaged, or has two attachments of the name ``once``.
     """
-    return {entry.name: entry.data for entry in _parsed(path, Opcode.ATTACHMENT, attachment_of, broken=broken)}
+    found = list(_parsed(path, Opcode.ATTACHMENT, attachment_of, broken=broken))
+    if [entry.name for entry in found].count(once) > 1:
+        raise ValueError(f"{original(path)}: two attachments {once}: {MERGED}")
+    return {entry.name: entry.data for entry in found}
 
 
 def _parsed(path: Path, code: Opcode, parse: Callable[[bytes], Any], *, broken: bool) -> Iterator[Any]:

@@ -210,7 +210,7 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
         summary = read_summary(path)
         file = path / SCENARIO
         return prepare(*load_scenario(str(file)), recorded=True), summary
-    attached = attachments(log_file(path))
+    attached = attachments(log_file(path), once=SCENARIO)
     text = attached.get(SCENARIO)
     if text is None:
         raise ValueError(f"{path}: no {SCENARIO} is attached; name a log or a run folder that `train-ato run` made")
