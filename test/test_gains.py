@@ -115,6 +115,7 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable() -> None:
     )
     assert setup_of(OWN, "laws.pid.kp=4", "compensation=predictor").advice() == ""
     assert "kp given, unstable" in setup_of(OWN, "laws.pid.kp=60", "compensation=predictor").advice(), "period"
+    assert "l1 given, unstable" in setup_of("xuzhou_metro", "law=smc", "laws.smc.l1=0").advice(), "34 m beyond its stop"
 
 
 @pytest.mark.parametrize(
@@ -153,6 +154,7 @@ def test_stability_of_one_mass_and_of_two() -> None:
      (("law=pid", "compensation=predictor"), "laws.pid.kp=0.084", "laws.pid.kp=0.106"),
      (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.6"),
      (("law=lag_smc",), "laws.lag_smc.k_i=0.5", "laws.lag_smc.k_i=0.8"),
+     (("law=smc",), "laws.smc.kappa=0.005", "laws.smc.kappa=0.15"),
      (("law=gpc",), "laws.gpc.n=12", "laws.gpc.n=7")],
 )  # fmt: skip
 def test_the_line_is_between_measured_runs(changes: tuple[str, ...], stable: str, unstable: str) -> None:

@@ -40,6 +40,7 @@ only a feed-forward are rejected. With ``equivalent: feedforward`` any train wit
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -47,7 +48,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.algorithms.sliding import clamped, saturation, sig
 from train_ato.control.contract import RefusedParameter, choice, flag, parameter
 from train_ato.control.gains import gains_choice
@@ -168,10 +169,18 @@ class Smc(RecordLaw):
         self.state["mass"] = model.unit_inertia if measured else model.inertia * model.share
         self.set_constants(measured=measured, **self.more_constants())
 
-    def feedback(self) -> tuple[float, float] | None:
-        """Return the gains on the errors of speed [1/s] and position [1/s²] at S = 0, None for measured couplers."""
-        p = self.parameters
-        return None if p.equivalent == "measured" else (p.l1 + p.ks, p.l2 + p.ks * p.l1)
+    def response(self, predicted: bool) -> Response | None:
+        """Return the response to the speed error at a position error of .35 m, None for measured couplers."""
+        p, lag = self.parameters, self.model.lag
+        if p.equivalent == "measured":
+            return None
+        reach = p.ks + (p.kappa * math.tanh(0.35 / 2.0) / p.phi if p.phi > 0.0 else 0.0)
+
+        def of(s: Complex, late: Complex) -> tuple[Complex, Complex]:
+            pull = (p.l1 + reach) * s**2 + (p.l2 + reach * p.l1) * s + reach * p.l2
+            return pull * late, s**2 * (1.0 + lag * s)
+
+        return of
 
     def more_constants(self) -> dict[str, Any]:
         """Return the constants of a form with more of them."""
