@@ -121,7 +121,7 @@ def test_steps_are_the_reference_of_paper_002() -> None:
 def test_a_file_is_restored_bit_for_bit_and_inlined(tmp_path: Path) -> None:
     profile = build(**METRO)
     for name in ("run.csv", "run.yaml"):
-        write_profile(profile, tmp_path / name, "a source\nof two lines")
+        write_profile(profile, tmp_path / name, "a source\nof two lines, r\udcff")
         assert read_profile(tmp_path / name) == profile
     block = ProfileSpec.model_validate({"file": "run.csv"})
     inlined = ProfileSpec.model_validate(block.inlined(tmp_path))

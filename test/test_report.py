@@ -5,6 +5,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from test_wire import LONG
 import train_ato as ta
 from train_ato.api.run import Run
 from train_ato.cli import main
+from train_ato.cli.run import print_run
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
 from train_ato.judge.recording_builder import reduced
@@ -359,6 +361,14 @@ def test_a_time_axis_of_any_length_has_few_ticks() -> None:
         axes.set_xlim(0.0, end)
         clock_axis(axes, end)
         assert 2 <= axes.xaxis.get_major_locator().tick_values(0.0, end).size <= 13
+
+
+@pytest.mark.parametrize(("slowest_us", "named"), [(99_000.0, False), (504_000.0, True), (None, False)])
+def test_a_law_that_is_slower_than_its_ticks_is_named(eventful: Path, slowest_us: float | None, named: bool, capsys):
+    """Breaks if the median of .1 ms is the only word on a law that needs .5 s in one of 50 steps."""
+    metrics = json.loads((eventful / "summary.json").read_text()) | {"step_time_us_p99": slowest_us}
+    print_run(SimpleNamespace(metrics=metrics, path=eventful), as_json=False)
+    assert ("one step in 100 longer than 0.504 s, at a tick of 0.1 s" in capsys.readouterr().out) == named
 
 
 def test_result_and_reason_are_printed_before_the_figure_is_drawn(breaking, monkeypatch, capsys):

@@ -252,5 +252,8 @@ def print_run(run: Run, *, as_json: bool, failure: str = "", expected: Expectati
     speed = (f" ({three_digits(factor)} times real time" if factor else "") + (
         f", {step:.0f} µs per step of the law" if step else ""
     )
+    slowest, tick = summary.get("step_time_us_p99") or 0.0, summary.get("simulated_s", 0.0) / max(summary["ticks"], 1)
+    if slowest * 1e-6 > tick:  # in lockstep the train waits for the law
+        speed += f", one step in 100 longer than {three_digits(slowest * 1e-6)} s, at a tick of {three_digits(tick)} s"
     end = f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s{speed}{')' if speed else ''}; recorded in {run.path}"
     sys.stdout.write(f"{end}\nevery line is explained in {EXPLAINED}\n")

@@ -198,6 +198,7 @@ def write_profile(profile: Profile, path: Path, source: str = "") -> None:
         If the suffix is neither ``.csv`` nor ``.yaml`` or the file cannot be written.
     """
     suffix = path.suffix.lower()
+    source = source.encode(errors="backslashreplace").decode()  # the name of a file need not be UTF-8
     if suffix in (".yaml", ".yml"):
         data = {
             "schema": SCHEMA,

@@ -49,7 +49,7 @@ class GustNow(_TimedIntervention):
     acceleration: Acceleration = Field(
         ge=-MAX_GUST, le=MAX_GUST, description="acceleration of every vehicle; < 0: headwind", examples=[-0.05]
     )
-    duration: Time = Field(gt=0, le=MAX_GUST_DURATION, description="duration with both ramps", examples=[20.0])
+    duration: Time = Field(ge=1e-6, le=MAX_GUST_DURATION, description="duration with both ramps", examples=[20.0])
     ramp: Time = option(1.0, "duration of each ramp, at most half of the duration", ge=0, le=MAX_GUST_DURATION)
 
 

@@ -116,7 +116,7 @@ def write_trip(plan: TripPlan, path: Path, base: str | None, plant: dict[str, An
     data = trip_scenario(plan, path.stem, profile.name, base, plant)
     text = f"# {source}\n" + yaml.dump(data, Dumper=_RowDumper, sort_keys=False, allow_unicode=True, width=120)
     with refused_unwritten(path):
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", errors="backslashreplace")
     return path, profile
 
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from plant_sim.data_text import parse_yaml
+from plant_sim.formats.fields import print_assumption
+from plant_sim.input_error import close_match
 from plant_sim.train import compile_kernel
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
@@ -106,6 +110,18 @@ def check_arguments(arguments: Sequence[str], role: Role) -> None:
     if name != role.value:
         text = f"the other nodes find node {role.value} by this name, not {name}; leave __node out, or give a namespace"
         raise ValueError(f"{' '.join(arguments)}: {text}")
+    _note_misspelt([file for word, file in pairwise(arguments) if word == "--params-file"], role)
+
+
+def _note_misspelt(files: Sequence[str], role: Role) -> None:
+    """Print a note for a name in a parameter file that is nearly that of this node: rclpy passes over it."""
+    known = [other.value for other in Role]
+    for file in files:
+        with suppress(ValueError, AttributeError):  # what rcl has read, the parser of scenarios may refuse
+            for key, block in parse_yaml(Path(file).read_bytes()).items():
+                match = close_match(name := str(key).rpartition("/")[2], known)
+                if name not in known and f"'{role.value}'" in match and "ros__parameters" in (block or ()):
+                    print_assumption(f"{file}: {key}: no node has this name, and its parameters have no effect{match}")
 
 
 @contextmanager
