@@ -356,7 +356,8 @@ def bounds(
             force[j] += slope * planned[j] - start.beyond_reference
         low, high = max(low, limits.force_min[j]), min(high, limits.force_max[j])
         allowed[MOST_FORCE, j] = (high - force[j]) / mass + found.disturbance[j]
-        allowed[LEAST_FORCE, j] = (force[j] - low) / mass - found.disturbance[j]
+        # the brake does not count on a resistance that does not act now, as that of a gust that has just ended
+        allowed[LEAST_FORCE, j] = (force[j] - low) / mass - max(found.disturbance[j], min(start.disturbance, 0.0))
         before = force[j - 1] if j > 1 else reference.force
         change = (force[j] - before) / mass if j > 0 else start.rise
         allowed[RISE, j] = p.jerk * p.steps[j] - change
