@@ -208,18 +208,23 @@ TWO_STOPS = [
 
 
 @pytest.mark.parametrize(
-    ("held_at", "held", "until", "behind"),
+    ("held_at", "held", "until", "behind", "stay"),
     [
-        pytest.param(125.0, 30.0, None, 0.5, id="leaves a stop late"),
-        pytest.param(125.0, 600.0, None, 0.5, id="does not leave a stop"),
-        pytest.param(180.0, 30.0, None, 20.0, id="waits on the line"),
-        pytest.param(180.0, 600.0, None, 20.0, id="stands on the line"),
-        pytest.param(180.0, 600.0, 250.0, math.inf, id="stands on the line, own profile again"),
+        pytest.param(125.0, 30.0, None, 0.5, True, id="leaves a stop late"),
+        pytest.param(125.0, 600.0, None, 0.5, True, id="does not leave a stop"),
+        pytest.param(180.0, 30.0, None, 20.0, True, id="waits on the line"),
+        pytest.param(180.0, 600.0, None, 20.0, True, id="stands on the line"),
+        pytest.param(180.0, 600.0, 250.0, math.inf, True, id="stands on the line, own profile again"),
+        pytest.param(50.0, 12.0, None, 50.0, True, id="waits at the begin"),
+        pytest.param(121.0, 30.0, None, 2.0, False, id="stands after a stop without a duration"),
     ],
 )
-def test_a_late_leader_delays_the_own_stops(held_at: float, held: float, until: float | None, behind: float) -> None:
+def test_a_late_leader_delays_the_own_stops(
+    held_at: float, held: float, until: float | None, behind: float, stay: bool
+) -> None:
     """Fails if the own profile makes up a delay before a stop, at a speed that no plan has, or runs backwards."""
-    changes = {"profile": {**METRO["profile"], "phases": TWO_STOPS}, "duration": 400}
+    phases = [part for part in TWO_STOPS if stay or "cruise_for" not in part]
+    changes = {"profile": {**METRO["profile"], "phases": phases}, "duration": 400}
     plan = ta.scenario({**METRO, **changes}).prepare()
     half = plan.consist.vehicles[0].length / 2.0
     times = 0.4 * np.arange(1000)

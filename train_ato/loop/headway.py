@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.compiled import compiled
 from train_ato.loop.train_ahead import ReportReceiver
@@ -31,6 +32,8 @@ MAX_LEAD = 20.0
 """Largest distance before the own profile [m]: it brakes for the own stop, also behind a train that runs on."""
 REST_SPEED = 1e-6
 """Speed up to which a knot is at rest [m/s]."""
+TURNING_SPEED = 0.01
+"""Speed of the slowest knot around up to which a stop is next to it [m/s]."""
 FADING_ACCELERATION = 0.1
 """Largest acceleration with which a deviation fades near a stop [m/s²]; of a larger deviation the rest is a delay."""
 STEP_CURVATURE = 10.0 / 3.0**0.5
@@ -73,9 +76,17 @@ def smooth_step(time: Array, duration: float) -> SmoothFunction:
     )
 
 
+def knots_at_rest(velocity: Array) -> NDArray[np.bool_]:
+    """Return which knots with speeds [m/s] are at rest; one next to a stop without a duration counts, too."""
+    speed = np.abs(velocity)
+    around = np.pad(speed, 1)
+    least = speed <= np.minimum(around[:-2], around[2:])
+    return np.asarray((speed <= REST_SPEED) | (least & (speed <= TURNING_SPEED)))
+
+
 def stop_weight(profile: Profile, duration: float) -> SmoothFunction:
     """Return a weight at the knots: 0 at a stop of the profile, 1 at least a duration [s] before and after a stop."""
-    at_rest = np.abs(profile.velocity) <= REST_SPEED
+    at_rest = knots_at_rest(profile.velocity)
     places = np.arange(profile.time.size)
     before = np.maximum.accumulate(np.where(at_rest, places, -(10**9)))
     after = np.minimum.accumulate(np.where(at_rest, places, 10**9)[::-1])[::-1]
@@ -125,7 +136,7 @@ class DelayedProfile:
     def __init__(self, own: Profile, smoothing: float) -> None:
         self._own, self._smoothing = own, smoothing
         self._weight = stop_weight(own, smoothing)
-        at_rest = np.concatenate(([False], np.abs(own.velocity) <= REST_SPEED, [False]))
+        at_rest = np.concatenate(([False], knots_at_rest(own.velocity), [False]))
         at_rest[-2] = True  # the end counts as a stop
         self._stops = np.flatnonzero(np.diff(at_rest)).reshape(-1, 2) - (0, 1)
         self._fading = FADING_ACCELERATION * smoothing**2 / STEP_CURVATURE
@@ -281,6 +292,9 @@ class HeadwayProfile:
         times = own.start + own.period * np.arange(first - side, last + side)
         deviations = self._delayed.deviation(np.array(self._times), np.array(self._places))
         raw = np.interp(times, self._times, deviations)
+        early = np.minimum(np.append(times, np.inf), self._times[0])  # no delay before the first place that counts
+        ahead = own.at_times(early)[0] - self._delayed.at(early)[0].value
+        raw += ahead[:-1] - ahead[-1]
         found = np.zeros((3, self._time.size - first))
         found[0] = deviations[-1]
         _average(raw, np.array(self._kernel), found[:, : last - first])
