@@ -26,6 +26,7 @@ from train_ato.judge.verdict import CRITERIA, judge_run, verdict_line
 from train_ato.loop.engine import run_engine
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.criteria import Criteria
+from train_ato.scenario.leader import LeaderSpec
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.scenario_files import shipped_scenarios
 from train_ato.scenario.setup import RunSetup
@@ -321,6 +322,17 @@ def test_a_train_that_runs_through_its_stop_has_not_arrived(dwell: float, rest: 
     run, first = on_profile(setup, late=3.0, beyond=0.0), planned_stops(setup.profile)[0]
     through = np.where(run.time <= first.departure, 5.0 * (run.time > first.arrival + rest), run.front_velocity)
     assert stops_of_run(setup, with_series(run, front_velocity=through))[0].arrival is None
+
+
+def test_a_stop_behind_a_late_train_is_judged_when_the_reference_leaves_it() -> None:
+    """Breaks if a train that stops behind a late one later than planned has missed its stop."""
+    setup = two_stops()
+    behind = replace(setup, scenario=setup.scenario.model_copy(update={"leader": LeaderSpec(headway=60.0)}))
+    run = on_profile(setup, late=30.0, beyond=0.4)
+    run = with_series(run, reference_position=run.front_position - 0.4, reference_velocity=run.front_velocity)
+    assert stops_of_run(setup, run)[0].error is None
+    assert stops_of_run(behind, run)[0].as_row()["delay_s"] == pytest.approx(30.0, abs=setup.tick)
+    assert stops_of_run(behind, run)[0].error == pytest.approx(0.4, abs=2e-3)
 
 
 def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:

@@ -1,7 +1,7 @@
 """Stops of a run: place, arrival and delay of every stop of the profile."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ MIN_DWELL = 2.0
 
 EARLY_DEPARTURE = 1.0
 """Time before the departure of the reference at which a train must still be at rest [s]."""
+MAX_OFF = 0.01
+"""Largest distance from a stop at which a reference at rest is at the stop [m]."""
 MAX_EARLY_DEPARTURE = 10.0
 """Time before the departure of the reference from which on a rest that ends is that at the stop [s]."""
 
@@ -93,6 +95,8 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
         if stop.arrival >= end:
             return
         before = setup.profile.at(stop.arrival - 1.0)[1]
+        if setup.scenario.leader is not None and setup.scenario.leader.headway is not None:
+            stop = _delayed(stop, recording)
         if stop.departure >= end:
             position, final_speed = recording.final
             rows = time.size
@@ -107,6 +111,17 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             arrival=_begin_of_rest(time, speed[:rows]) if at_rest else None,
             direction=-1.0 if before < 0 else 1.0,
         )
+
+
+def _delayed(stop: PlannedStop, recording: Recording) -> PlannedStop:
+    """Return a stop with the departure of the reference if it is later than planned, as behind a late train."""
+    at_rest = np.abs(recording.reference_velocity) < STANDSTILL_SPEED
+    at_rest &= np.abs(recording.reference_position - stop.position) < MAX_OFF
+    rows = np.flatnonzero(at_rest & (recording.time >= stop.arrival))
+    if not rows.size:
+        return stop
+    last = float(recording.time[rows[np.flatnonzero(np.diff(rows, append=rows[-1] + 2) > 1)[0]]])
+    return replace(stop, departure=last) if last > stop.departure + EARLY_DEPARTURE else stop
 
 
 def _rows_to_departure(time: Array, speed: Array, stop: PlannedStop) -> int:
