@@ -15,7 +15,15 @@ from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.train_identification import SLOWEST, WEAR, TrainIdentification
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters, worn
 from train_ato.control.laws.mpc import Mpc
-from train_ato.control.mpc.disturbance_lines import COUPLER, POSITION, RATE, LineSpectrum, add_line, periodic_response
+from train_ato.control.mpc.disturbance_lines import (
+    COUPLER,
+    POSITION,
+    RATE,
+    DisturbanceLines,
+    LineSpectrum,
+    add_line,
+    periodic_response,
+)
 from train_ato.control.mpc.measured_motion import follow_simulation
 from train_ato.control.mpc.predictive_plan import RelativeMotion
 from train_ato.control.mpc.standstill_force import FREE, StandstillForce
@@ -76,6 +84,30 @@ def test_noise_has_no_lines():
         if tick % 10 == 0 and tick > 200:
             found.append(len(spectrum.peaks()))
     assert np.mean(found) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("around", "beside", "frequency", "found"),
+    [(1.0, 1.0, 2.0, 1), (1.0, 1.0, 2.15, 0), (1e3, 1.0, 2.0, 0), (1.0, 1e3, 2.0, 0)],
+)
+def test_a_peak_is_above_all_and_its_neighbours_and_at_its_place(around, beside, frequency, found):
+    """Breaks if the power of the others or that beside is no floor, or a line is far from its demodulator."""
+    spectrum = LineSpectrum(_units(), PERIOD)
+    spectrum._pairs[:, 0, 0] = around
+    spectrum._pairs[[8, 11, 21, 24], 0, 0] = beside
+    spectrum._pairs[16, 0, 0] = 2e3 * np.exp(1j * frequency * PERIOD)
+    assert sum(place == 16 for place, _ in spectrum.peaks()) == found
+
+
+def test_a_line_is_used_after_five_searches():
+    """Breaks if a line of one search is used, a missed one is lost at once, or kept."""
+    units = _units()
+    lines, used = DisturbanceLines(units, model(load_consist("freight_five"), load_line("level")), PERIOD), []
+    for peaks in [[(16, 2.0)]] * 6 + [[]] * 6:
+        lines._spectrum.peaks = peaks.copy
+        lines._search()
+        used.append(lines.text())
+    assert used == [""] * 4 + ["2.000"] * 6 + [""] * 2
 
 
 def test_a_line_goes_on_through_missed_samples():

@@ -242,6 +242,15 @@ def test_a_demand_changes_early_enough_for_a_corner(sign: float, ticks: int, cha
     assert transition.early(np.zeros(1), wanted, ~moves, 1) == pytest.approx([0.0])
 
 
+def test_the_largest_change_doubles_in_every_second_after_three() -> None:
+    """Breaks if the largest change does not grow, or grows faster: a law that is never reached keeps no bound."""
+    transition, found = LawTransition(np.ones(1), 0.1), {}
+    for tick in range(51):
+        found[tick] = float(transition.reach(2)[0])
+        transition.step([1e9], [0.0], 1)
+    assert [found[tick] for tick in (0, 1, 30, 40, 50)] == pytest.approx([0.0, 2.0, 2.0, 4.0, 8.0])
+
+
 def test_a_swap_between_coupled_units_keeps_bound_and_coupler_forces() -> None:
     """Breaks if the units take over at different times: forces between them above twice those of the worse law."""
     swap, until = "law_changes=[{at: 160, law: smc}]", "duration=180"
@@ -303,6 +312,9 @@ def test_the_reference_of_a_new_law_begins_in_the_state_of_the_train_and_joins_t
     first = JoinedReference(seen, share, along, NONE).of(seen, 0.1, None)
     assert first.reference_position == pytest.approx(seen.position)
     assert first.reference_velocity == pytest.approx(seen.velocity)
+    later = [JoinedReference(each, share, along, NONE).of(replace(each, t=70.0), 0.1, None).reference_position
+             for each in (seen, replace(seen, velocity=seen.reference_velocity))]  # fmt: skip
+    assert later[0] - later[1] == pytest.approx(np.full(5, 20.0 * 0.05 / 8.0))  # half of its cubic of 20 s
     still = JoinedReference(replace(seen, velocity=seen.reference_velocity), share, along, NONE)
     assert [still.has_joined(60.0 + t) for t in (111.9, 112.1)] == [False, True]
     times = np.arange(60.0, 172.0, 0.1)
@@ -384,6 +396,22 @@ def test_only_another_law_has_a_joined_reference(new: str, joins: bool) -> None:
             measured(of, reference.stamp, reference.position + 1.0, reference.velocity, 0.0), reference, estimate
         )
     assert (control._joined is not None) is joins
+
+
+@pytest.mark.parametrize(("new", "braked", "begins"), [("smc", False, 61.1), ("pid", False, None), ("smc", True, None)])
+def test_a_second_swap_ends_the_first_joined_reference(new: str, braked: bool, begins: float | None) -> None:
+    """Breaks if the reference of a law that is gone stays, or the next other law has none of its own."""
+    of, along = model(FIVE), profile()
+    control = stack(of, "gpc", along=along)
+    for k in range(600, 613):
+        reference, estimate = asked(of, along, k * 100_000_000)
+        if k in (601, 611):
+            control.swap("pid" if k == 601 else new, {})
+        place = reference.position + 1.0
+        control.step(measured(of, reference.stamp, place, reference.velocity, 0.0), reference, estimate)
+        if braked and k == 610:
+            control.brake(np.full(5, -1e3))
+    assert getattr(control._joined, "_begin", None) == begins
 
 
 def test_the_braking_law_takes_over_and_gives_back_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:

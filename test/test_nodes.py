@@ -693,6 +693,14 @@ def test_the_plant_never_runs_away_from_the_recorder(make):
     bench.until(lambda: len(heard) == LEAD + 2)
 
 
+@pytest.mark.parametrize(("role", "failure"), [(Role.RECORDER, "node recorder failed: left"), (Role.OBSERVER, None)])
+def test_a_run_without_its_recorder_fails_at_once(make, role, failure):
+    """Breaks if the train brakes to a stop that no log keeps, or does not after the loss of another node."""
+    bench = make(Role.PLANT, setup=setup_of("demo", "duration=2"), recorded=True)
+    bench.node.lose(role, "left")
+    assert bench.watch.failure == failure
+
+
 def test_paced_runs_hold_the_last_command_and_count_late_ones(make):
     """No response in the second tick: the train continues, and the silence is detected."""
     bench = make(Role.PLANT, setup=_unsupervised(600), rate=10.0)

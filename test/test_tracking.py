@@ -136,12 +136,14 @@ def test_a_speed_error_in_half_of_the_time_is_lost(kmh: float, share: float, fou
 
 @pytest.mark.parametrize(("seconds", "found"), [(20.3, "never departed"), (19.7, TRACKED)])
 def test_a_train_at_rest_behind_a_moving_reference_never_departed(seconds: float, found: str) -> None:
-    """Breaks if the time of the rest is not that from the departure of the reference."""
+    """Breaks if the time of the rest is not that from the departure of the reference, or that of its shortest move."""
     setup = demo("criteria.tracking.position_time=100")
     moving = np.flatnonzero(setup.profile.velocity >= 0.05)[0] * setup.profile.period
     still = run_of(setup, moving + seconds)
-    zeros = np.zeros(still.time.size)
-    summary = tracking_summary(setup, with_series(still, velocity=zeros, front_velocity=zeros))
+    zeros, speed = np.zeros(still.time.size), still.reference_velocity.copy()
+    speed[np.flatnonzero(speed >= 0.05)[1]] = 0.0  # a first move of one tick
+    series = {"velocity": zeros, "front_velocity": zeros, "reference_velocity": speed}
+    summary = tracking_summary(setup, with_series(still, **series))
     assert summary["tracking"] == found
     if found != TRACKED:
         assert "while the reference moved" in summary["tracking_findings"][0]["text"]
