@@ -21,6 +21,7 @@ from plant_sim.traction import Envelope
 from train_ato.api.drive import RunMode
 from train_ato.api.following import (
     FollowingResult,
+    Preparation,
     first_report,
     follower_figures,
     result_of,
@@ -36,6 +37,7 @@ from train_ato.log.recorded import open_recording
 from train_ato.loop.headway import HeadwayProfile
 from train_ato.loop.train_ahead import MovingAuthority, ReportReceiver
 from train_ato.scenario.following import load_following
+from train_ato.scenario.scenario_files import shipped_following
 from train_ato.scenario.setup import RunSetup
 from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.odometry import motion_estimate
@@ -493,6 +495,8 @@ def test_bad_input_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Capture
     late = "t2.leader.headway=200"  # its plan is 60 s behind that of the train ahead
     assert f"--set {late}: leader.headway = 200: after" in (text := refused(capsys, "following_metro", "--set", late))
     assert "1460 m beyond" in text and "write 60 s" in text
+    short = "t2.profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 50}, {stop_at: 1050}]"  # behind the train ahead
+    Preparation(load_following(shipped_following()["following_metro"], (short,))).check()
     assert "until 50 s: the first" in refused(capsys, "following_metro", "--set", "t2.leader.until=50")
     assert "inside the train ahead" in refused(capsys, path, "--set", "t2.profile.since=76", "--out", str(out))
     assert "set supervision.enabled: true" in refused(capsys, path, "--set", "all.supervision.enabled=false")

@@ -122,10 +122,11 @@ def _check_headway(setup: RunSetup) -> None:
     if spec is None or spec.headway is None:
         return
     place = setup.leader_reports[0].front - setup.consist.vehicles[0].length / 2.0
-    beyond, there = own.at(spec.headway)[0] - place, float(own.time[np.searchsorted(own.position, place)])
+    beyond = own.at(spec.headway)[0] - place
     fading = smooth_step(own.time - own.time[1], spec.smoothing).times(following_weight(own, spec))
     if beyond <= 0.0 or (own.velocity - beyond * fading.rate).min() >= -MAX_BACKWARDS:
         return
+    there = float(own.time[np.searchsorted(own.position, place)])
     raise ValueError(
         f"leader.headway = {spec.headway:g}: after this time the own profile is {beyond:.0f} m beyond "
         "the first place of the train ahead, and the train would have to wait for it; "
