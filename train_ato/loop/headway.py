@@ -154,14 +154,14 @@ class DelayedProfile:
         """
         own, late, begin = self._own, 0.0, self._own.start
         reached = np.maximum.accumulate(places) + self._fading
-        newest, oldest = map(float, np.interp(reached[-1] - (0.0, 2.0 * self._fading), own.position, own.time))
+        newest, passed = map(float, np.interp(reached[-1] - (0.0, 2.0 * self._fading), own.position, own.time))
         self._delay = SmoothFunction(*np.zeros((3, own.time.size)))
         departures = [(-np.inf, 0.0)]
 
         def delay_at(t: float) -> float:
             place = own.at(t)[0]
             if place > reached[-1]:  # the train is not there yet, and late as from its newest place on
-                return min(max(late, float(times[-1]) - min(t, newest)), max(0.0, float(times[-1]) - oldest))
+                return min(max(late, float(times[-1]) - min(t, newest)), max(0.0, float(times[-1]) - passed))
             return max(0.0, float(np.interp(place, reached, times, left=-np.inf)) - t)
 
         for first, last in self._stops.tolist():
