@@ -414,9 +414,9 @@ def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:
     middle = 4.0 + (35.222 + 12) / 2 / 200 + 52 * 12 / 200
     assert one.emergency_time.to_standstill == pytest.approx(middle, rel=0.015)
     assert two.emergency_time.to_standstill < one.emergency_time.to_standstill
-    slow = load_consist("hxd1_c80_105").model_copy(
-        update={"air_brake": load_consist("hxd1_c80_105").air_brake.model_copy(update={"apply_wave": 100.0})}  # type: ignore[union-attr]
-    )
+    given = load_consist("hxd1_c80_105")
+    assert given.air_brake is not None
+    slow = given.model_copy(update={"air_brake": given.air_brake.model_copy(update={"apply_wave": 100.0})})
     later = line_supervision(slow, line, setup, 30e3).train.brake.emergency_time.to_standstill
     assert later - one.emergency_time.to_standstill == pytest.approx(52 * 12 / 200, rel=0.06)
 
