@@ -39,6 +39,7 @@ from train_ato.control.mpc.force_plan import ForcePlan, horizon_model, node_time
 from train_ato.control.mpc.measured_motion import MOTION, MeasuredMotion, ModalObserver
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
 from train_ato.control.mpc.predictive_plan import (
+    LEAST_FORCE,
     RISE,
     STOP,
     ForceAhead,
@@ -517,6 +518,9 @@ def test_the_bounds_of_a_plan_by_hand():
     expected[1][0] = (10e3 + 100e3) / 100e3
     expected += [2.0 * 0.5 - change, 2.0 * 0.5 + change, np.full(4, 2.5), np.full(4, 7.0), np.full(4, 7.0)]
     np.testing.assert_allclose(allowed[:STOP], expected, rtol=1e-12)
+    start = start._replace(disturbance=-0.1)  # a resistance that acts now counts up to its size
+    bounds(constants, start, NodeMotion(zero, zero), limits, reference, np.zeros((4, 1)), np.zeros(1), found, allowed)
+    np.testing.assert_allclose(allowed[LEAST_FORCE], expected[1] + 0.1, rtol=1e-12)
 
 
 SPRING = {"kind": "linear", "stiffness": 10e6, "damping": 2e5}

@@ -333,6 +333,11 @@ def test_a_stop_behind_a_late_train_is_judged_when_the_reference_leaves_it() -> 
     assert stops_of_run(setup, run)[0].error is None
     assert stops_of_run(behind, run)[0].as_row()["delay_s"] == pytest.approx(30.0, abs=setup.tick)
     assert stops_of_run(behind, run)[0].error == pytest.approx(0.4, abs=2e-3)
+    arrived = int(np.searchsorted(run.time, planned_stops(setup.profile)[0].arrival))
+    waiting = slice(arrived, arrived + 20)  # after the planned arrival, but not at the stop
+    run.reference_velocity[waiting] = 0.0
+    run.reference_position[waiting] -= 50.0
+    assert stops_of_run(behind, run)[0].as_row()["delay_s"] == pytest.approx(30.0, abs=setup.tick)
 
 
 def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:

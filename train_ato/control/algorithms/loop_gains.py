@@ -38,9 +38,9 @@ speed error, through delay, lag and half of a period. The gains are named in two
   warning. The modulus margin of the loop with linear couplers separates no better. Prediction as a rigid train does not
   help, because its loop has the same limit.
 
-H is (kp s + ki)/(s (1 + s lag)) with the delay for all laws with gains on the errors of speed and position. `lag_smc`
-and `gpc` state their own. For `mpc`, whose observer has the modes, no limit is derived: on `demo` 3.4 times the
-default of ``omega`` is tracked.
+H is (kp s + ki)/(s (1 + s lag)) with the delay for all laws with gains on the errors of speed and position. `smc`,
+`rbf_smc`, `lag_smc` and `gpc` state their own. For `mpc`, whose observer has the modes, no limit is derived: on `demo`
+3.4 times the default of ``omega`` is tracked.
 """
 
 from __future__ import annotations
@@ -61,6 +61,8 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
+JUDGED_ERROR = 0.35
+"""Error [m] at which a gain that depends on it is judged; with equal gains that of `fixed_time_smc` is least there."""
 MAX_GAIN = 1.0
 """Largest gain on the speed error [1/s], for trains without dead time: above it the noise of the speed is the force."""
 MODE_SHARE = 0.5

@@ -51,7 +51,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.loop_gains import LoopGains
+from train_ato.control.algorithms.loop_gains import JUDGED_ERROR, LoopGains
 from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, unknown_rate
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, RefusedParameter, choice, flag, parameter
@@ -181,8 +181,8 @@ class FixedTimeSmc(RecordLaw):
         )
 
     def feedback(self) -> tuple[float, float] | None:
-        """Return the least gain on the speed error [1/s], at an error of .35, and 0; None for measured couplers."""
-        p, error = self.parameters, 0.35
+        """Return the gain on the speed error [1/s] for ``JUDGED_ERROR``, and 0; None for measured couplers."""
+        p, error = self.parameters, JUDGED_ERROR
         surface, reaching = SMALL * error ** (SMALL - 1.0), LARGE * error ** (LARGE - 1.0)
         gain = p.surface * (1.0 + surface) + p.reaching * (surface + reaching)
         return None if p.equivalent == "measured" else (gain, 0.0)

@@ -48,7 +48,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
 from plant_sim.record import Records, quantity
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
+from train_ato.control.algorithms.loop_gains import JUDGED_ERROR, Complex, LoopGains, Response
 from train_ato.control.algorithms.sliding import clamped, saturation, sig
 from train_ato.control.contract import RefusedParameter, choice, flag, parameter
 from train_ato.control.gains import gains_choice
@@ -170,11 +170,11 @@ class Smc(RecordLaw):
         self.set_constants(measured=measured, **self.more_constants())
 
     def response(self, predicted: bool) -> Response | None:
-        """Return the response to the speed error at a position error of .35 m, None for measured couplers."""
+        """Return the response at a position error of ``JUDGED_ERROR``, None for measured couplers."""
         p, lag = self.parameters, self.model.lag
         if p.equivalent == "measured":
             return None
-        reach = p.ks + (p.kappa * math.tanh(0.35 / 2.0) / p.phi if p.phi > 0.0 else 0.0)
+        reach = p.ks + (p.kappa * math.tanh(JUDGED_ERROR / 2.0) / p.phi if p.phi > 0.0 else 0.0)
 
         def of(s: Complex, late: Complex) -> tuple[Complex, Complex]:
             pull = (p.l1 + reach) * s**2 + (p.l2 + reach * p.l1) * s + reach * p.l2
