@@ -331,6 +331,9 @@ def test_a_log_of_merged_runs_is_refused_and_not_mixed(run, messages, tmp_path, 
     merged = str(mcap(twice, tmp_path / "merged.mcap", attached=(scenario, scenario)))
     assert "train/measurement: two messages of one time: several runs" in complaint(capsys, "report", merged)
     assert "two attachments scenario.yaml: several runs" in complaint(capsys, "replay", merged, "--law", "pid")
+    export = complaint(capsys, "export", merged, "--out", str(tmp_path / "tables"))
+    assert "train/measurement: two messages of one time: several runs" in export
+    assert "two messages of one time: several runs" in answer(capsys, "info", merged)["note"]
 
 
 def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):

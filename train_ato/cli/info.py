@@ -51,6 +51,7 @@ def execute(options: argparse.Namespace) -> None:
         log, note = log_file(run), ""
     with share_bar(f"reading {run}") as progress:
         found = log_overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
+    note = note or found.note
     files = [log] if partial is not None or (run / LOG).is_file() else bag_files(run)
     size = sum(file.stat().st_size for file in files)
     found = dataclasses.replace(found, path=files[0] if len(files) == 1 else run, size=size)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from train_ato.log.bag_layout import table_name
 from train_ato.log.foreign_bag import original
 from train_ato.log.mcap_records import MAX_TIME_NS, Definitions, Progress, blocks, readable
-from train_ato.log.reading import WallTime, attachments, read_wall_time, time_zero
+from train_ato.log.reading import MERGED, WallTime, attachments, read_wall_time, time_zero
+from train_ato.log.table_columns import TICKS, merged
 from train_ato.log.versions import VERSIONS, read_versions
 from train_ato.messages.topics import BY_NAME, Rate
 from train_ato.messages.variable_codec import decode_diagnostic
@@ -60,6 +61,8 @@ class Overview:
         Versions of the recorder; empty for a log of another recorder.
     wall_time : WallTime or None
         Wall time of the recording; None for a log of another recorder.
+    note : str
+        Complaint about a log of several runs; empty for other logs.
     """
 
     path: Path
@@ -68,6 +71,7 @@ class Overview:
     changes: RunChanges
     versions: dict[str, str]
     wall_time: WallTime | None
+    note: str = ""
 
     @property
     def duration_s(self) -> float:
@@ -145,6 +149,7 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
     begin = time_zero(min((found.first for found in stamps.values()), default=0), ours=ours)
     end = max((found.last for name, found in stamps.items() if table_name(name) is not None), default=begin)
     topics = tuple(_topic(name, types[name], found.sorted(), begin, end) for name, found in stamps.items())
+    mixed = any(table_name(name) == TICKS and merged(found.sorted()) for name, found in stamps.items())
     attached = attachments(path, broken=broken)
     return Overview(
         path,
@@ -153,6 +158,7 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
         changes,
         read_versions(attached.get(VERSIONS, b"")),
         read_wall_time(path, broken=broken),
+        f"{original(path)}: {TICKS}: two messages of one time: {MERGED}" if mixed else "",
     )
 
 

@@ -18,6 +18,7 @@ from train_ato.log.mcap_records import Progress, attachment_of, metadata_of, rea
 from train_ato.messages.topics import EPOCH_NS
 
 MERGED = "several runs, or a run and its copy, are merged in this log; name the log of one run"
+"""Complaint about a log with two messages of one time, or two scenarios."""
 MAX_RUN_NS = 86_400 * 10**9
 """Maximum duration of a run [ns]."""
 

@@ -21,7 +21,7 @@ from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.foreign_bag import original
 from train_ato.log.reading import MERGED, log_file
 from train_ato.log.run_folder import parse_summary, read_run_folder
-from train_ato.log.table_columns import TICKS
+from train_ato.log.table_columns import TICKS, merged
 from train_ato.log.tables import KeptMessages, LayoutRecords, Reader, TopicMessages, check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.messages.cdr import nanoseconds, typestore
@@ -61,7 +61,7 @@ def read_recording(
     for topic, time, values in _samples(path, everything, reports, payloads, namespace):
         samples.add(topic, TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
     found = samples.finish()
-    if TICKS in found and 1.1 * np.unique(found[TICKS].time).size < found[TICKS].time.size:
+    if TICKS in found and merged(found[TICKS].time):
         raise ValueError(f"{original(path)}: {TICKS}: two messages of one time: {MERGED}")
     profiles = {found.stamp: found for found in map(decode_trajectory, payloads.get(PROFILE, ()))}
     limits = [decode_trajectory(data) for data in payloads.get(LIMITS, ())]

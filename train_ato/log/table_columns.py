@@ -31,6 +31,11 @@ TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log of another tool, time since its first message."""
 
 
+def merged(times: Any) -> bool:
+    """Return True if the times of the ticks are those of several runs: more than a tenth of them is repeated."""
+    return bool(1.1 * np.unique(times).size < len(times))
+
+
 def column(topic: Topic, path: str, owner: str = "") -> str:
     """Return the name of a column, for example ``vehicle_17_coupler_force_n``; "" for a value that is there twice.
 

@@ -15,8 +15,16 @@ from plant_sim.input_error import close_match
 from train_ato.judge.series import seconds
 from train_ato.log.bag_layout import table_name
 from train_ato.log.foreign_bag import original
-from train_ato.log.reading import log_file, time_zero
-from train_ato.log.table_columns import TIME, diagnostic_table, diagnostic_texts, states_table, trajectory_table
+from train_ato.log.reading import MERGED, log_file, time_zero
+from train_ato.log.table_columns import (
+    TICKS,
+    TIME,
+    diagnostic_table,
+    diagnostic_texts,
+    merged,
+    states_table,
+    trajectory_table,
+)
 from train_ato.log.tables import (
     KeptMessages,
     Portion,
@@ -239,7 +247,10 @@ class TableReader:
         messages = self._messages.pop(name, None)
         if messages is None or name in self.left_out:
             return None
-        return known_table(known, messages) if known is not None else foreign_table(messages)
+        table = known_table(known, messages) if known is not None else foreign_table(messages)
+        if known is not None and known.name == TICKS and merged(table.index):
+            raise ValueError(f"two messages of one time: {MERGED}")
+        return table
 
     def _known_topic(self, name: str) -> Topic | None:
         return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)
