@@ -81,13 +81,7 @@ class AtoStateMachine:
             self.since = stamp - round(TAKEOVER_TIME * 1e9)
 
     def check(self, request: str, *, standstill: bool) -> None:
-        """Check a request without effect.
-
-        Raises
-        ------
-        ValueError
-            With the reason of the refusal.
-        """
+        """Check a request without effect; ValueError with the reason of the refusal."""
         needed = TRANSITIONS[request][0]
         if self.state is not needed:
             raise ValueError(f"{request}: the ATO is {self.state.text}, not {needed.text}; wait for this state")

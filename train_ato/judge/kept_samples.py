@@ -131,13 +131,7 @@ class SampleFile:
         self._cached: OrderedDict[tuple[str, str], Array] = OrderedDict()
 
     def written(self, part: Array) -> _Stored:
-        """Write samples to the file.
-
-        Raises
-        ------
-        OSError
-            If there is no room.
-        """
+        """Write samples to the file; OSError if there is no room."""
         data: Any = np.ascontiguousarray(part, dtype=np.float64).ravel().view(np.uint8).data  # also without a column
         place = _Stored(self._end, part.shape)
         while data:

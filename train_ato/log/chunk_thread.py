@@ -79,13 +79,7 @@ class ChunkThread:
         self._clock = ChunkClock(self._write_due, CLOSE_AFTER_S)
 
     def extend(self, entries: Iterable[Entry]) -> None:
-        """Add messages.
-
-        Raises
-        ------
-        OSError
-            If an earlier chunk could not be written.
-        """
+        """Add messages; OSError if an earlier chunk could not be written."""
         with self.lock:
             self.check()
             add, limit = self._writer.add, self._limit
@@ -115,13 +109,7 @@ class ChunkThread:
             self._clock.wake()
 
     def flush(self) -> None:
-        """Write the open chunk to the file.
-
-        Raises
-        ------
-        OSError
-            If writing fails.
-        """
+        """Write the open chunk to the file; OSError if writing fails."""
         with self.lock:
             self._hand_over()
             while self._full is not None:

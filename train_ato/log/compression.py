@@ -33,13 +33,7 @@ SMALL = zstandard.ZstdCompressionParameters(
 
 
 def packer(compression: str) -> tuple[str, Pack]:
-    """Return the name of a compression in an MCAP file and its function.
-
-    Raises
-    ------
-    ValueError
-        If there is no such choice.
-    """
+    """Return the name of a compression in an MCAP file and its function; ValueError if there is no such choice."""
     if compression == "none":
         return "", bytes
     if compression == "fast":

@@ -284,13 +284,7 @@ def chunk_head(content: bytes) -> ChunkHead:
 
 
 def chunk_content(content: bytes) -> bytes:
-    """Return the uncompressed records of a chunk.
-
-    Raises
-    ------
-    Damage
-        If the chunk cannot be unpacked or its checksum differs.
-    """
+    """Return the uncompressed records of a chunk; Damage if the chunk cannot be unpacked or its checksum differs."""
     head = chunk_head(content)
     data = _unpacked(content[head.begin :], head)
     if len(data) != head.uncompressed:

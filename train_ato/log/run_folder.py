@@ -223,13 +223,7 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
 
 
 def read_summary(path: Path) -> dict[str, Any]:
-    """Return the summary of a recorded run.
-
-    Raises
-    ------
-    ValueError
-        If the folder is not a run folder.
-    """
+    """Return the summary of a recorded run; ValueError if the folder is not a run folder."""
     if not (path / SCENARIO).is_file():
         raise not_a_run(path, "no scenario.yaml; name a folder that `run` made")
     log = log_file(path)

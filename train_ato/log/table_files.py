@@ -52,13 +52,7 @@ class TableParts:
         self._in_order = True
 
     def add(self, part: pd.DataFrame) -> None:
-        """Add a part with at least one row.
-
-        Raises
-        ------
-        OSError
-            If the disk is full or gone.
-        """
+        """Add a part with at least one row; OSError if the disk is full or gone."""
         if _is_diagnostic(part):
             for name in part.columns[len(FIXED) :]:
                 texts = part[name].tolist()

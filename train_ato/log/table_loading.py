@@ -290,13 +290,7 @@ def _known(name: str, schema: Schema) -> Topic | None:
 
 
 def _types(schema: Schema) -> Any:
-    """Return a type store with the types of a schema.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a definition.
-    """
+    """Return a type store with the types of a schema; ValueError if the text is not a definition."""
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(PARSERS[schema.encoding](schema))

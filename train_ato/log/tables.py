@@ -66,13 +66,7 @@ class KeptMessages(dict[str, list[bytes]]):
         return self.pop(topic)
 
     def keep(self, topic: str, payloads: Iterable[bytes | memoryview]) -> None:
-        """Add messages of a topic.
-
-        Raises
-        ------
-        ValueError
-            If all kept messages are larger than :data:`MAX_KEPT`.
-        """
+        """Add messages of a topic; ValueError if all kept messages are larger than :data:`MAX_KEPT`."""
         kept = self.setdefault(topic, [])
         for payload in payloads:
             self._size += len(payload)
@@ -224,13 +218,7 @@ class TopicMessages:
         return sum(group.layout.length * group.size for group in self.groups)
 
     def add(self, portion: Portion) -> None:
-        """Add a portion of the log.
-
-        Raises
-        ------
-        ValueError
-            For bytes that are not a message of the type, and from ``check``.
-        """
+        """Add a portion of the log; ValueError for bytes that are not a message of the type, and from ``check``."""
         lengths = np.array([len(payload) for payload in portion.payloads])
         for length in np.unique(lengths).tolist():
             places = np.flatnonzero(lengths == length)
@@ -276,13 +264,7 @@ MAX_ARRAY = 1000
 
 
 def check_known(topic: Topic, layout: Layout) -> None:
-    """Check that a message of a topic has one value per name.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of names and values differ.
-    """
+    """Check that a message of a topic has one value per name; ValueError if the numbers of names and values differ."""
     topic, owners = _entry(topic, layout)
     for leaf in _columns_of(topic, layout):
         if leaf.path not in STAMPS and not leaf.is_time:
@@ -296,13 +278,7 @@ def _columns_of(topic: Topic, layout: Layout) -> list[Leaf]:
 
 
 def check_foreign(layout: Layout) -> None:
-    """Check that the arrays of a message can be columns.
-
-    Raises
-    ------
-    ValueError
-        For arrays longer than :data:`MAX_ARRAY`.
-    """
+    """Check that the arrays of a message can be columns; ValueError for arrays longer than :data:`MAX_ARRAY`."""
     for leaf in layout.leaves:
         if leaf.count is not None and leaf.count > MAX_ARRAY:
             raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {MAX_ARRAY} make columns")

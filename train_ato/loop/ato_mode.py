@@ -69,13 +69,7 @@ class AtoMode:
         self._settle()
 
     def request(self, do: Request) -> None:
-        """Queue a request for the next step of the supervisor.
-
-        Raises
-        ------
-        ValueError
-            With the reason of a refusal.
-        """
+        """Queue a request for the next step of the supervisor; ValueError with the reason of a refusal."""
         self.machine.check(do, standstill=self.standstill)
         if do == "engage" and self._at_end:
             raise ValueError(NOTHING_LEFT)

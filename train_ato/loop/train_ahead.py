@@ -88,13 +88,7 @@ class ReportRadio:
         self.latest = report.stamp
 
     def newest(self, stamp: int) -> TrainAhead:
-        """Return the newest report up to a stamp [ns], with this stamp.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
+        """Return the newest report up to a stamp [ns], with this stamp; ValueError if there is none."""
         while self._coming and self._coming[0].stamp <= stamp:
             self._newest = self._coming.popleft()
         if self._newest is None:

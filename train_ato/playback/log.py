@@ -325,13 +325,7 @@ class ReplayOptions:
 
 
 def parse_remap(entries: tuple[str, ...]) -> dict[str, str]:
-    """Return the mapping of texts ``a:=b``.
-
-    Raises
-    ------
-    ValueError
-        If a text has another form, or a topic has two new names.
-    """
+    """Return the mapping of texts ``a:=b``; ValueError if a text has another form, or a topic has two new names."""
     mapping: dict[str, str] = {}
     for entry in entries:
         before, sign, after = entry.partition(":=")

@@ -52,13 +52,7 @@ class ReplayClock:
             self._place = place
 
     def set_rate(self, rate: float) -> None:
-        """Change the rate.
-
-        Raises
-        ------
-        ValueError
-            If the rate is not above 0.
-        """
+        """Change the rate; ValueError if the rate is not above 0."""
         if not rate > 0:
             raise ValueError(f"rate {rate:g}: give a number above 0, 1 for real time")
         self._settle()
@@ -268,13 +262,7 @@ class Playback:
         self._clock.set_rate(rate)
 
     def play_next(self) -> None:
-        """Send the next message now.
-
-        Raises
-        ------
-        ValueError
-            If the replay is not paused, or at its end.
-        """
+        """Send the next message now; ValueError if the replay is not paused, or at its end."""
         if self.burst(1) == 0:
             raise ValueError("play_next: end of the run; seek back first")
 

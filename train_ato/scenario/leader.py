@@ -14,13 +14,7 @@ NAMESPACE = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 
 def check_namespace(text: str) -> str:
-    """Return the namespace of a train.
-
-    Raises
-    ------
-    ValueError
-        If ROS 2 does not have it.
-    """
+    """Return the namespace of a train; ValueError if ROS 2 does not have it."""
     if not re.fullmatch(NAMESPACE, text):
         raise ValueError(f"{text}: give a name such as /t1")
     return text

@@ -103,13 +103,7 @@ def displacements_for_run(run: TripRun, profile: Profile, until: float) -> tuple
 
 
 def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float, float]:
-    """Return begin and stop of vehicle 0's centre [m].
-
-    Raises
-    ------
-    ValueError
-        If they are not on the line.
-    """
+    """Return begin and stop of vehicle 0's centre [m]; ValueError if they are not on the line."""
     stops = [stop.at for stop in line.stops]
     end = settings.end if settings.end is not None else (stops[-1] if stops else line.end)
     begin = settings.begin - half if settings.begin is not None else line.begin
@@ -427,13 +421,7 @@ class TripSearch:
 
 
 def check_couplers(plan: TripPlan) -> None:
-    """Check the coupler forces of a plan.
-
-    Raises
-    ------
-    ValueError
-        If one exceeds the limit of the settings.
-    """
+    """Check the coupler forces of a plan; ValueError if one exceeds the limit of the settings."""
     most = plan.settings.coupler_max
     if plan.coupler_max > most:
         raise ValueError(

@@ -99,13 +99,7 @@ def check_domain(wanted: int | None) -> None:
 
 
 def domain_of_environment() -> int | None:
-    """Return the domain of ``ROS_DOMAIN_ID``, None if it is not set.
-
-    Raises
-    ------
-    ValueError
-        If it is not a ROS domain.
-    """
+    """Return the domain of ``ROS_DOMAIN_ID``, None if it is not set; ValueError if it is not a ROS domain."""
     text = os.environ.get("ROS_DOMAIN_ID", "")
     if text and not (text.isdecimal() and int(text) in VALID):
         raise ValueError(

@@ -487,13 +487,7 @@ class PlantNode:
             self._resume_loop()
 
     def set_rate(self, factor: float) -> None:
-        """Change the rate during the run.
-
-        Raises
-        ------
-        ValueError
-            If the rate is 0 in a run without lockstep.
-        """
+        """Change the rate during the run; ValueError if the rate is 0 in a run without lockstep."""
         self._lateness.restart()  # the present tick began at the rate before
         if self._lockstep_rate is not None:
             self._lockstep_rate = factor
@@ -509,13 +503,7 @@ class PlantNode:
         self._resume_loop()
 
     def single_step(self) -> None:
-        """Run one tick while paused.
-
-        Raises
-        ------
-        ValueError
-            If the run is not paused between two ticks.
-        """
+        """Run one tick while paused; ValueError if the run is not paused between two ticks."""
         if not self.paused or self._waiting or self.finished:
             raise ValueError("not paused between two ticks; pause first")
         self.run_steps(1)

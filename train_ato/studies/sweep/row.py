@@ -175,13 +175,7 @@ Batch = Sequence[tuple[int, Point]]
 
 
 def run_batch(base: SweepBase, batch: Batch) -> list[Row]:
-    """Run a batch and return its rows.
-
-    Raises
-    ------
-    ValueError
-        If the code of this process is not that of the sweep.
-    """
+    """Run a batch and return its rows; ValueError if the code of this process is not that of the sweep."""
     if code_of_process() != base.source:
         raise ValueError("a worker has other code of train_ato; install the same version on every worker")
     compile_kernel()
