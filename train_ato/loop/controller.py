@@ -40,16 +40,7 @@ from train_ato.messages.types import (
 from train_ato.profile.profile import Profile
 from train_ato.program.errors import RunFailed
 from train_ato.program.interrupt import ComponentCall
-from train_ato.scenario.changes import (
-    GIVEN,
-    KEY,
-    LAW,
-    Changes,
-    changes_to_json,
-    requested_stamp,
-    values_by_law,
-    values_of,
-)
+from train_ato.scenario import changes as scenario_changes
 from train_ato.scenario.setup import RunSetup
 
 MAX_REFERENCE_SHIFT = 1.0
@@ -117,8 +108,8 @@ class ControllerStage:
         self.planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
-        self._given: Changes = {}
-        self.asked: Changes = {}
+        self._given: scenario_changes.Changes = {}
+        self.asked: scenario_changes.Changes = {}
         self.inputs = StageInputs(setup, self.role)
         self.inputs.ends["ato/reference"].check = self._reference_problem
         links, step, seed = setup.links, setup.step_ns, setup.seed
@@ -127,7 +118,7 @@ class ControllerStage:
         self._estimate_link = MessageLink(links.estimate, step, seed, "estimate")
         self.call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
-        self.changed: Changes = {}
+        self.changed: scenario_changes.Changes = {}
         self.received: Received
         self.answer: Answer | None = None
         self._received_ns = 0
@@ -152,12 +143,12 @@ class ControllerStage:
         Planned changes up to this stamp are in effect, and reported with the law at the first step, because the ended
         controller may have had others. Planned requests up to it are not repeated.
         """
-        while self.planned and requested_stamp(self.planned[0]) <= stamp:
-            self.asked |= values_of(self.planned.pop(0))
+        while self.planned and scenario_changes.requested_stamp(self.planned[0]) <= stamp:
+            self.asked |= scenario_changes.values_of(self.planned.pop(0))
         for name, value in self.asked.items():
             self._take(name, value)
-        self.asked.pop(LAW, None)
-        self.asked[LAW] = self.controller
+        self.asked.pop(scenario_changes.LAW, None)
+        self.asked[scenario_changes.LAW] = self.controller
         self._fit = self._fit_of(self.controller)
         self.ato.forget_requests(stamp)
         self.follow_outage("node controller restarted")
@@ -220,7 +211,7 @@ class ControllerStage:
             authority=None if self.authority is None else self.authority.at,
         )
 
-    def validate(self, changes: Changes) -> str:
+    def validate(self, changes: scenario_changes.Changes) -> str:
         """Check parameters set together (``controller``, ``law.parameter``) without side effects; return the advice.
 
         Raises
@@ -228,13 +219,13 @@ class ControllerStage:
         ValueError
             With the reason for the refusal.
         """
-        blocks = values_by_law(changes)
-        driving = changes.get(LAW, self.controller)
+        blocks = scenario_changes.values_by_law(changes)
+        driving = changes.get(scenario_changes.LAW, self.controller)
         for law, values in blocks.items():
             if law != driving:
                 merged = {**self._parameters.get(law, {}), **values}
                 LAWS.make(law, merged, self.setup.model, self.setup.control_period)
-        return self.advice(driving, blocks.get(driving)) if LAW in changes or driving in blocks else ""
+        return self.advice(driving, blocks.get(driving)) if scenario_changes.LAW in changes or driving in blocks else ""
 
     def gains(self, law: str) -> Gains:
         """Return the present parameters of a law."""
@@ -263,7 +254,7 @@ class ControllerStage:
 
     def _take(self, name: str, value: Any) -> bool:
         """Store a value; return True if it changes the current law."""
-        if name == LAW:
+        if name == scenario_changes.LAW:
             self.controller = str(value)
             self.call.name = f"law '{value}'"
             return True
@@ -276,8 +267,8 @@ class ControllerStage:
 
         A change after the first step changes the law without a jump of the force.
         """
-        while self.planned and requested_stamp(self.planned[0]) <= stamp:
-            for name, value in values_of(self.planned.pop(0)).items():
+        while self.planned and scenario_changes.requested_stamp(self.planned[0]) <= stamp:
+            for name, value in scenario_changes.values_of(self.planned.pop(0)).items():
                 self.apply(name, value)
         self.changed, self.asked = self.asked, {}
         if self._law_changed:
@@ -444,9 +435,9 @@ class ControllerStage:
             **self.inputs.diagnostics(),
         }
         if self.changed:
-            values[KEY] = changes_to_json(self.changed)
+            values[scenario_changes.KEY] = scenario_changes.changes_to_json(self.changed)
         if self._given:
-            values[GIVEN] = changes_to_json(self._given)
+            values[scenario_changes.GIVEN] = scenario_changes.changes_to_json(self._given)
             self._given = {}
         if self.setup.layout.supervised:
             values |= self.ato.diagnostics(stamp)

@@ -4,14 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from train_ato.control.component_fault import (
-    ComponentFailed,
-    estimate_fault,
-    fault_of_error,
-    raise_if_interrupted,
-    step_limit,
-    unless_raised,
-)
+from train_ato.control import component_fault as fault
 from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.registry import OBSERVERS
@@ -51,10 +44,10 @@ class ObserverStage:
         self.setup = setup
         self._given = given or {}
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
-        self.on_fault: Callable[[ComponentFailed], None] | None = None
-        self._limit = step_limit(observer)
+        self.on_fault: Callable[[fault.ComponentFailed], None] | None = None
+        self._limit = fault.step_limit(observer)
         self._none = np.zeros(setup.model.n_units) if type(observer) is NoObserver else None
-        self.failure: ComponentFailed | None = None
+        self.failure: fault.ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
         self.stack = ObserverStack(setup.model, observer, setup.brake_policy())
         self._call = ComponentCall(f"observer '{setup.observer}'")
@@ -72,13 +65,15 @@ class ObserverStage:
                 try:
                     with self._limit:
                         estimate = self.stack.step(arrived)
-                    text = estimate_fault(setup.observer, self.stack.observer, estimate.force, setup.model.n_units)
+                    text = fault.estimate_fault(
+                        setup.observer, self.stack.observer, estimate.force, setup.model.n_units
+                    )
                     if not text:
                         return DisturbanceEstimate(stamp, np.asarray(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any
-                    raise_if_interrupted(error)
-                    cause, text = error, fault_of_error("observer", setup.observer, error)
-                self.failure = ComponentFailed(text, self.role.value)
+                    fault.raise_if_interrupted(error)
+                    cause, text = error, fault.fault_of_error("observer", setup.observer, error)
+                self.failure = fault.ComponentFailed(text, self.role.value)
                 self.failure.__cause__ = cause
                 if self.on_fault is not None:
                     self.on_fault(self.failure)
@@ -94,7 +89,7 @@ class ObserverStage:
         if self._none is not None:  # it needs neither brake policy nor shoe forces
             estimate = DisturbanceEstimate(stamp, self._none)
         else:
-            estimate = self.step(stamp, given) if answer is None else unless_raised(answer)
+            estimate = self.step(stamp, given) if answer is None else fault.unless_raised(answer)
         return ObserverMessages(estimate, self.diagnostic(stamp) if self.inputs.report_due(stamp) else None)
 
     def diagnostic(self, stamp: int) -> Diagnostic:

@@ -38,17 +38,7 @@ from train_ato.messages.types import (
     Tick,
     VehicleStates,
 )
-from train_ato.scenario.interventions import (
-    KEY,
-    DelayJumpNow,
-    EmergencyBrakeNow,
-    GustNow,
-    Intervention,
-    MessageLossNow,
-    TrainJumpNow,
-    due_stamp,
-    interventions_to_json,
-)
+from train_ato.scenario import interventions
 from train_ato.scenario.setup import RunSetup
 
 MAX_REQUESTS = {
@@ -56,7 +46,7 @@ MAX_REQUESTS = {
     "train_jump": 100,
 }  # fmt: skip
 """Maximum number of requested interventions in force, by kind; their effects add up."""
-LASTING = (DelayJumpNow, TrainJumpNow)
+LASTING = (interventions.DelayJumpNow, interventions.TrainJumpNow)
 """Kinds with an effect to the end of the run."""
 
 
@@ -81,10 +71,12 @@ class TrainInterventions:
     ) -> None:
         self._setup = setup
         self._train, self._link, self._protection, self._inputs = train, link, protection, inputs
-        self.due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
+        self.due = [
+            (interventions.due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions
+        ]
         self._in_force: dict[str, list[int]] = {}
 
-    def request(self, stamp: int, intervention: Intervention, *, speed: float, standstill: bool) -> None:
+    def request(self, stamp: int, intervention: interventions.Intervention, *, speed: float, standstill: bool) -> None:
         """Add an intervention that acts from a stamp [ns] on.
 
         Raises
@@ -96,14 +88,14 @@ class TrainInterventions:
         if _releases(intervention) and not standstill:
             text = f"{3.6 * speed:.1f} km/h"
             raise ValueError(f"the emergency brake is released at standstill only; the train runs {text}")
-        waiting = any(isinstance(planned, EmergencyBrakeNow) for _, planned in self.due)
+        waiting = any(isinstance(planned, interventions.EmergencyBrakeNow) for _, planned in self.due)
         if _releases(intervention) and not (self._protection.requested or waiting):
             raise ValueError("no emergency brake was requested; that of the supervisor ends by its own rules")
         self._setup.check_intervention(intervention)
         self._take_place(stamp, intervention)
         self.due.append((stamp, intervention))
 
-    def _take_place(self, stamp: int, intervention: Intervention) -> None:
+    def _take_place(self, stamp: int, intervention: interventions.Intervention) -> None:
         """Count a request in force: to its end, a lasting one to the end of the run, others for one tick."""
         kind = intervention.do
         places = self._in_force[kind] = [end for end in self._in_force.get(kind, ()) if end > stamp]
@@ -113,7 +105,7 @@ class TrainInterventions:
         end = stamp + self._setup.tick_ns + round(getattr(intervention, "duration", 0.0) * 1e9)
         places.append(sys.maxsize if isinstance(intervention, LASTING) else end)
 
-    def take(self, stamp: int, *, standstill: bool) -> list[Intervention]:
+    def take(self, stamp: int, *, standstill: bool) -> list[interventions.Intervention]:
         """Apply and return the interventions due at a stamp [ns]; a planned release waits for standstill."""
         taken, left = [], []
         for at, intervention in self.due:
@@ -126,20 +118,20 @@ class TrainInterventions:
             self._apply(stamp / 1e9, intervention)
         return taken
 
-    def _apply(self, now: float, intervention: Intervention) -> None:
+    def _apply(self, now: float, intervention: interventions.Intervention) -> None:
         train = self._train
-        if isinstance(intervention, GustNow):
+        if isinstance(intervention, interventions.GustNow):
             end, ramp = now + intervention.duration, intervention.ramp
             train.add_gust(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=intervention.acceleration))
-        elif isinstance(intervention, DelayJumpNow):
+        elif isinstance(intervention, interventions.DelayJumpNow):
             jump = DelayJump(at=now, factor=intervention.factor, add=intervention.add)
             self._link.jump(jump)
             self._protection.jump(jump)
-        elif isinstance(intervention, EmergencyBrakeNow):
+        elif isinstance(intervention, interventions.EmergencyBrakeNow):
             self._protection.requested = intervention.applied
-        elif isinstance(intervention, TrainJumpNow):
+        elif isinstance(intervention, interventions.TrainJumpNow):
             train.add_jump(Jump(at=now, what=intervention.what, factor=intervention.factor))
-        elif isinstance(intervention, MessageLossNow):
+        elif isinstance(intervention, interventions.MessageLossNow):
             self._inputs.add(DropFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
         elif intervention.topic == "train/measurement":
             train.sensor_set.freeze(now, now + intervention.duration)
@@ -147,8 +139,8 @@ class TrainInterventions:
             self._inputs.add(FreezeFault(topic=intervention.topic, begin=now, end=now + intervention.duration))
 
 
-def _releases(intervention: Intervention) -> bool:
-    return isinstance(intervention, EmergencyBrakeNow) and not intervention.applied
+def _releases(intervention: interventions.Intervention) -> bool:
+    return isinstance(intervention, interventions.EmergencyBrakeNow) and not intervention.applied
 
 
 TOTALS: tuple[tuple[str, str], ...] = (
@@ -259,7 +251,7 @@ class PlantStage:
         ahead = None if self.radio is None or odometry is None else self.radio.newest(stamp)
         return PlantMessages(*truth, seen.measurement, odometry, protection, report, ahead)
 
-    def request(self, intervention: Intervention) -> None:
+    def request(self, intervention: interventions.Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.
 
         Raises
@@ -367,17 +359,19 @@ class PlantStage:
             return brake.charged - brake.reduction[-1]
         return None if level is Protection.EMERGENCY_BRAKE else pressure
 
-    def diagnostic(self, taken: Sequence[Intervention] = ()) -> Diagnostic:
+    def diagnostic(self, taken: Sequence[interventions.Intervention] = ()) -> Diagnostic:
         """Return the running totals of the plant as text, with the interventions at this stamp."""
         return self.diagnostic_at(self.stamp, self.train.totals.numbers, taken)
 
-    def diagnostic_at(self, stamp: int, totals: Mapping[str, float], taken: Sequence[Intervention] = ()) -> Diagnostic:
+    def diagnostic_at(
+        self, stamp: int, totals: Mapping[str, float], taken: Sequence[interventions.Intervention] = ()
+    ) -> Diagnostic:
         """Return the diagnostics of a stamp with the totals up to it by name."""
         values = {key: repr(totals[name]) for key, name in TOTALS}
         values["commands_lost"] = str(self.link.lost)
         values |= self.inputs.diagnostics()
         if taken:
-            values[KEY] = interventions_to_json(taken)
+            values[interventions.KEY] = interventions.interventions_to_json(taken)
         if self.lost:
             values[LOST_KEY] = self.lost
         if self.restarts:

@@ -11,39 +11,15 @@ from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.odometry import odometry_of
-from train_ato.judge.recording import (
-    ATO_STATE,
-    BRAKE_PIPE,
-    BRAKE_PIPE_COMMAND,
-    BRAKE_PIPE_TAIL,
-    BRAKE_SHOES,
-    COMMAND,
-    DIAGNOSTICS,
-    DISTURBANCE,
-    ESTIMATE,
-    FIELDS,
-    MEASUREMENT,
-    REFERENCE,
-    SUPERVISED_SPEEDS,
-    TRUTH,
-)
+from train_ato.judge import recording as rec
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.repeated_reports import RepeatedReport
 from train_ato.loop.plant import TOTALS
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.loop.supervision_kernel import SupervisionArrays
+from train_ato.messages import types as msg
 from train_ato.messages.topics import TickBlock, Values, message_at
-from train_ato.messages.types import (
-    Array,
-    AtoReport,
-    AtoState,
-    BrakeRelease,
-    Diagnostic,
-    Odometry,
-    ProtectionState,
-    SupervisedSpeeds,
-)
 from train_ato.supervision.step_function import SupervisionSpeeds
 from train_ato.supervision.supervisor import SupervisionDecision
 
@@ -58,11 +34,11 @@ TEXTS = ["state", "reason", "reason_speed", "reason_front", "reason_limit"]
 class SupervisedStep(NamedTuple):
     """Messages of a step of the supervisor, without its diagnostics."""
 
-    odometry: Odometry
-    protection: ProtectionState
-    speeds: SupervisedSpeeds
-    release: BrakeRelease
-    ato: AtoReport
+    odometry: msg.Odometry
+    protection: msg.ProtectionState
+    speeds: msg.SupervisedSpeeds
+    release: msg.BrakeRelease
+    ato: msg.AtoReport
 
 
 class SupervisionMessages:
@@ -94,7 +70,7 @@ class SupervisionMessages:
         stages: Stages,
         arrays: SupervisionArrays,
         stamps: NDArray[np.int64],
-        measured: Array,
+        measured: msg.Array,
         *,
         brief: bool = False,
     ) -> None:
@@ -107,9 +83,9 @@ class SupervisionMessages:
         self._stamps = stamps[self.ticks]
         seen, first = measured[self.ticks, :, 0], self._stage.count
         assert first is not None
-        self._alive: Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
+        self._alive: msg.Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
         offset = stages.setup.model.offsets[0]
-        state = np.full(len(seen), float(AtoState.ENGAGED))
+        state = np.full(len(seen), float(msg.AtoState.ENGAGED))
         self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
         front = self._steps["front"]
         foremost = front + self._steps["position_error"]
@@ -124,10 +100,10 @@ class SupervisionMessages:
         position, velocity, state = self._ato[number].reshape(3, 1)
         return SupervisedStep(
             odometry_of(self._readings[number]),
-            ProtectionState(stamp, np.zeros(3)),
-            SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
-            BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
-            AtoReport(stamp, position, velocity, state),
+            msg.ProtectionState(stamp, np.zeros(3)),
+            msg.SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
+            msg.BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
+            msg.AtoReport(stamp, position, velocity, state),
         )
 
     def record(self, recording: RecordingBuilder) -> None:
@@ -136,20 +112,20 @@ class SupervisionMessages:
         ato = self._ato
         add(ODOMETRY, stamps, {name: self._readings[name] for name in ("position", "speed", "since_balise")})
         add(PROTECTION, stamps, {"active": np.zeros((count, 3))})
-        add(SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
+        add(rec.SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
         add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
-        add(ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
+        add(rec.ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
 
     def record_state(self, recording: RecordingBuilder) -> None:
         """Add the states of the ATO to a recording for the summary."""
-        recording.extend_reduced(ATO_STATE, self._stamps, {"state": self._ato[:, 2:]})
+        recording.extend_reduced(rec.ATO_STATE, self._stamps, {"state": self._ato[:, 2:]})
 
     @property
     def numbers(self) -> dict[int, int]:
         """Number of the step by the number of its tick."""
         return {index: number for number, index in enumerate(self.ticks.tolist())}
 
-    def store(self, ato: AtoReport | None) -> AtoReport | None:
+    def store(self, ato: msg.AtoReport | None) -> msg.AtoReport | None:
         """Set the supervisor, its stage and the receiving ends to their states after the last step.
 
         Parameters
@@ -169,11 +145,11 @@ class SupervisionMessages:
         reports = [ato] * (count < 3) + [self.at(number).ato for number in range(max(count - 3, 0), count - 1)]
         inputs = self._stages.controller.inputs
         inputs.accept(PROTECTION, count, [step.protection for step in last])
-        inputs.accept(SUPERVISED_SPEEDS, count, [step.speeds for step in last])
+        inputs.accept(rec.SUPERVISED_SPEEDS, count, [step.speeds for step in last])
         self._stages.plant.inputs.accept(BRAKE_RELEASE, count, [step.release for step in last])
         self._stages.plant.protection.on_release(last[-1].release)
         self._stages.plant.alive_check.problem(last[-1].release)
-        self._stages.profile.inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
+        self._stages.profile.inputs.accept(rec.ATO_STATE, count, [report for report in reports if report][-2:])
         stage.inputs.accept(ODOMETRY, count, [step.odometry for step in last])
         assert stage.count is not None
         stage.count += count
@@ -230,20 +206,20 @@ class SpanArrays:
         Diagnostics of the controller by tick, if they are made in the tick.
     """
 
-    truth: Array
-    measured: Array
-    couplers: Array
-    sent: Array
+    truth: msg.Array
+    measured: msg.Array
+    couplers: msg.Array
+    sent: msg.Array
     at_limit: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-    reference: Array
-    outside: Array
-    cubes: Array
-    means: Array
-    reports: list[Array]
+    reference: msg.Array
+    outside: msg.Array
+    cubes: msg.Array
+    means: msg.Array
+    reports: list[msg.Array]
     supervision: SupervisionArrays
-    estimates: Array
+    estimates: msg.Array
     pressure: float | None
-    law_reports: dict[int, Diagnostic] = field(default_factory=dict)
+    law_reports: dict[int, msg.Diagnostic] = field(default_factory=dict)
 
 
 class SpanMessages:
@@ -279,13 +255,15 @@ class SpanMessages:
         a, done, stamps, disturbed = self._arrays, self._done, self._stamps, self._stages.setup.layout.disturbed
         truth = a.truth[:done]
         rows: list[tuple[str, Values]] = [("/clock", {})]
-        rows.append((TRUTH, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]}))
+        rows.append((rec.TRUTH, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]}))
         if self._train.pipe is not None:
             ends = self._train.pipe_pressures_at_each(np.asarray(stamps * 1e-9, dtype=np.float64))
-            rows += [(BRAKE_PIPE, {"pressure": ends[:, :1]}), (BRAKE_PIPE_TAIL, {"pressure": ends[:, 1:]})]
-            rows.append((BRAKE_SHOES, {"shoe_force": truth[:, 3]}))
+            rows += [(rec.BRAKE_PIPE, {"pressure": ends[:, :1]}), (rec.BRAKE_PIPE_TAIL, {"pressure": ends[:, 1:]})]
+            rows.append((rec.BRAKE_SHOES, {"shoe_force": truth[:, 3]}))
         if disturbed:
-            rows.append((DISTURBANCE, {"force": np.array([self._next_disturbance(index) for index in range(done)])}))
+            rows.append(
+                (rec.DISTURBANCE, {"force": np.array([self._next_disturbance(index) for index in range(done)])})
+            )
         return [*rows, *self._exchanged.items()]
 
     @cached_property
@@ -297,17 +275,17 @@ class SpanMessages:
         seen |= {"deflection": couplers[:, 0], "rate": couplers[:, 1], "force": couplers[:, 2]}
         reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
         planned = np.full((done, 1), self._stages.profile.planned)
-        found: dict[str, Values] = {MEASUREMENT: seen, REFERENCE: {**reference, "planned": planned}}
-        found[ESTIMATE] = {"force": a.estimates[:done]}
+        found: dict[str, Values] = {rec.MEASUREMENT: seen, rec.REFERENCE: {**reference, "planned": planned}}
+        found[rec.ESTIMATE] = {"force": a.estimates[:done]}
         if a.pressure is not None:
-            found[BRAKE_PIPE_COMMAND] = {"pressure": np.full((done, 1), a.pressure)}
-        found[COMMAND] = {"force": a.sent[1 : done + 1]}
+            found[rec.BRAKE_PIPE_COMMAND] = {"pressure": np.full((done, 1), a.pressure)}
+        found[rec.COMMAND] = {"force": a.sent[1 : done + 1]}
         return found
 
     def record(self, recording: RecordingBuilder) -> None:
         """Add the messages to a recording as arrays."""
         for topic, values in self._rows:
-            kept = {name: values[name] for name in FIELDS.get(topic, ())}
+            kept = {name: values[name] for name in rec.FIELDS.get(topic, ())}
             recording.extend_rows(topic, self._stamps, kept)
         if self._supervision is not None:
             self._supervision.record(recording)
@@ -321,11 +299,11 @@ class SpanMessages:
         truth |= {"rear_position": position[:, -1:], "unit_position": position[:, 1:-1]}
         if self._train.n > 1:  # the forces of all couplers are not kept
             truth |= dict.fromkeys(("coupler_draft_max", "coupler_buff_max"), np.full((done, 1), np.nan))
-        add(TRUTH, self._stamps, {**truth, "unit_velocity": velocity[:, 1:-1]})
-        add(MEASUREMENT, self._stamps, {})
+        add(rec.TRUTH, self._stamps, {**truth, "unit_velocity": velocity[:, 1:-1]})
+        add(rec.MEASUREMENT, self._stamps, {})
         reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
-        add(REFERENCE, self._stamps, reference)
-        add(COMMAND, self._stamps, {"force": a.sent[1 : done + 1]})
+        add(rec.REFERENCE, self._stamps, reference)
+        add(rec.COMMAND, self._stamps, {"force": a.sent[1 : done + 1]})
         if self._supervision is not None:
             self._supervision.record_state(recording)
         recording.extend_reports(self._reports)
@@ -335,12 +313,12 @@ class SpanMessages:
         place = {topic: number for number, (topic, _) in enumerate(self._rows)}
         numbers = {} if self._supervision is None else self._supervision.numbers
         between: dict[int, list[tuple[int, str, Any]]] = {}
-        before = [place[topic] for topic in (MEASUREMENT, REFERENCE, REFERENCE, ESTIMATE, COMMAND)]
+        before = [place[topic] for topic in (rec.MEASUREMENT, rec.REFERENCE, rec.REFERENCE, rec.ESTIMATE, rec.COMMAND)]
         found_reports = self._reports_by_tick()
         for index in sorted({*found_reports, *numbers}):
             reports = found_reports.get(index, {})
             plant, supervisor, profile, observer, controller = (
-                [(at, DIAGNOSTICS, reports[node])] if node in reports else []
+                [(at, rec.DIAGNOSTICS, reports[node])] if node in reports else []
                 for at, node in zip(before, NODES, strict=True)
             )
             found: list[tuple[int, str, Any]] = [*plant]
@@ -352,13 +330,13 @@ class SpanMessages:
                     (before[0], before[1], before[4]),
                 )
                 found += [(measured, ODOMETRY, step.odometry), (measured, PROTECTION, step.protection)]
-                found.append((expected, SUPERVISED_SPEEDS, step.speeds))
+                found.append((expected, rec.SUPERVISED_SPEEDS, step.speeds))
                 found += [*supervisor, (expected, BRAKE_RELEASE, step.release)]
-                ato = [(sent, ATO_STATE, step.ato)]
+                ato = [(sent, rec.ATO_STATE, step.ato)]
             between[index] = [*found, *profile, *observer, *ato, *controller]
         return TickBlock(self._stamps, self._rows, between)
 
-    def store(self, ato: AtoReport | None) -> AtoReport | None:
+    def store(self, ato: msg.AtoReport | None) -> msg.AtoReport | None:
         """Set the receiving ends of all stages and the supervisor to their states after the span.
 
         Parameters
@@ -380,14 +358,14 @@ class SpanMessages:
             for topic, values in self._exchanged.items()
         }
         for stage in (stages.profile, stages.observer, stages.controller):
-            stage.inputs.accept(MEASUREMENT, done, messages[MEASUREMENT])
-        for topic in (REFERENCE, ESTIMATE):
+            stage.inputs.accept(rec.MEASUREMENT, done, messages[rec.MEASUREMENT])
+        for topic in (rec.REFERENCE, rec.ESTIMATE):
             stages.controller.inputs.accept(topic, done, messages[topic])
-        for topic in messages.keys() & {COMMAND, BRAKE_PIPE_COMMAND}:
+        for topic in messages.keys() & {rec.COMMAND, rec.BRAKE_PIPE_COMMAND}:
             stages.plant.inputs.accept(topic, done, messages[topic])
         return ato if supervision is None else supervision.store(ato)
 
-    def _next_disturbance(self, index: int) -> Array:
+    def _next_disturbance(self, index: int) -> msg.Array:
         """Return the disturbance to publish at a tick [N], and keep the mean over this tick for the next one."""
         train, outside = self._train, self._train.outside
         published = train.outside_force
@@ -443,9 +421,9 @@ class SpanMessages:
         remaining = {} if self._brief else {"remaining": [profile.remaining(stamp) for stamp in stamps]}
         return [RepeatedReport(profile.diagnostic(stamps[0]), stamps, remaining)]
 
-    def _reports_by_tick(self) -> dict[int, dict[str, Diagnostic]]:
+    def _reports_by_tick(self) -> dict[int, dict[str, msg.Diagnostic]]:
         """Return the diagnostics by the number of their tick and by node."""
-        found: dict[int, dict[str, Diagnostic]] = {}
+        found: dict[int, dict[str, msg.Diagnostic]] = {}
         first = int(self._stamps[0])
         for reports in self._reports:
             for report in reports.all():

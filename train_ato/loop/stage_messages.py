@@ -6,26 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from plant_sim.states import frozen_for_types
+from train_ato.messages import types as msg
 from train_ato.messages.topics import AHEAD, REPORT
-from train_ato.messages.types import (
-    AtoReport,
-    BrakeRelease,
-    BrakeShoes,
-    Command,
-    Diagnostic,
-    Disturbance,
-    DisturbanceEstimate,
-    Measurement,
-    Odometry,
-    Pipe,
-    ProtectionState,
-    Reference,
-    SupervisedSpeeds,
-    Tick,
-    TrainAhead,
-    Trajectory,
-    VehicleStates,
-)
 
 SECOND_NS = 1_000_000_000
 """Period of the diagnostics [ns]: every node sends them at the first stamp of a simulated second."""
@@ -51,13 +33,13 @@ class StageMessages:
 class PlantTruth(StageMessages):
     """True state of the train at a stamp."""
 
-    clock: Tick
-    vehicles: VehicleStates
-    brake_pipe: Pipe | None
-    brake_pipe_tail: Pipe | None
-    brake_shoes: BrakeShoes | None
-    disturbance: Disturbance | None
-    diagnostics: Diagnostic | None
+    clock: msg.Tick
+    vehicles: msg.VehicleStates
+    brake_pipe: msg.Pipe | None
+    brake_pipe_tail: msg.Pipe | None
+    brake_shoes: msg.BrakeShoes | None
+    disturbance: msg.Disturbance | None
+    diagnostics: msg.Diagnostic | None
     order: ClassVar[dict[str, str]] = {
         "clock": "/clock", "vehicles": "train/vehicles", "brake_pipe": "train/brake_pipe",
         "brake_pipe_tail": "train/brake_pipe_tail", "brake_shoes": "train/brake_shoes",
@@ -73,11 +55,11 @@ class PlantMessages(PlantTruth):
     The measurement is last, because it starts the step.
     """
 
-    measurement: Measurement
-    odometry: Odometry | None = None
-    protection: ProtectionState | None = None
-    report: TrainAhead | None = None
-    ahead: TrainAhead | None = None
+    measurement: msg.Measurement
+    odometry: msg.Odometry | None = None
+    protection: msg.ProtectionState | None = None
+    report: msg.TrainAhead | None = None
+    ahead: msg.TrainAhead | None = None
     order: ClassVar[dict[str, str]] = {
         **PlantTruth.order, "report": REPORT, "ahead": AHEAD, "odometry": "train/odometry",
         "protection": "train/protection", "measurement": "train/measurement",
@@ -89,9 +71,9 @@ class PlantMessages(PlantTruth):
 class SupervisorMessages(StageMessages):
     """Decision of the supervisor; the release is last, because it ends the step."""
 
-    release: BrakeRelease
-    speeds: SupervisedSpeeds
-    diagnostics: Diagnostic | None = None
+    release: msg.BrakeRelease
+    speeds: msg.SupervisedSpeeds
+    diagnostics: msg.Diagnostic | None = None
     order: ClassVar[dict[str, str]] = {
         "speeds": "atp/speeds", "diagnostics": "/diagnostics", "release": "atp/brake_release"
     }  # fmt: skip
@@ -102,8 +84,8 @@ class SupervisorMessages(StageMessages):
 class ProfileStart(StageMessages):
     """Profile and speed limits at the start of a run, latched."""
 
-    profile: Trajectory
-    limits: Trajectory
+    profile: msg.Trajectory
+    limits: msg.Trajectory
     order: ClassVar[dict[str, str]] = {"profile": "ato/profile", "limits": "ato/limits"}
 
 
@@ -112,9 +94,9 @@ class ProfileStart(StageMessages):
 class ProfileMessages(StageMessages):
     """Reference of a stamp, after the new profile of a re-planning."""
 
-    reference: Reference
-    profile: Trajectory | None = None
-    diagnostics: Diagnostic | None = None
+    reference: msg.Reference
+    profile: msg.Trajectory | None = None
+    diagnostics: msg.Diagnostic | None = None
     order: ClassVar[dict[str, str]] = {
         "diagnostics": "/diagnostics", "profile": "ato/profile", "reference": "ato/reference"
     }  # fmt: skip
@@ -125,8 +107,8 @@ class ProfileMessages(StageMessages):
 class ObserverMessages(StageMessages):
     """Disturbance estimate of a stamp."""
 
-    estimate: DisturbanceEstimate
-    diagnostics: Diagnostic | None = None
+    estimate: msg.DisturbanceEstimate
+    diagnostics: msg.Diagnostic | None = None
     order: ClassVar[dict[str, str]] = {"diagnostics": "/diagnostics", "estimate": "ato/estimate"}
 
 
@@ -138,10 +120,10 @@ class ControllerMessages(StageMessages):
     The command is last, because it ends the step.
     """
 
-    command: Command
-    brake_pipe_command: Pipe | None = None
-    diagnostics: Diagnostic | None = None
-    state: AtoReport | None = None
+    command: msg.Command
+    brake_pipe_command: msg.Pipe | None = None
+    diagnostics: msg.Diagnostic | None = None
+    state: msg.AtoReport | None = None
     order: ClassVar[dict[str, str]] = {
         "brake_pipe_command": "ato/brake_pipe_command",
         "state": "ato/state",
@@ -150,7 +132,7 @@ class ControllerMessages(StageMessages):
     }
 
 
-def without_values(measurement: Measurement) -> Measurement:
+def without_values(measurement: msg.Measurement) -> msg.Measurement:
     """Return a measurement with NaN as values, in place of one that did not arrive."""
     names = [entry.name for entry in fields(measurement) if entry.name != "stamp"]
     return replace(measurement, **{name: np.full_like(getattr(measurement, name), np.nan) for name in names})

@@ -7,15 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from plant_sim.states import frozen_for_types
-from train_ato.messages.types import (
-    DisturbanceEstimate,
-    Measurement,
-    ProtectionState,
-    Reference,
-    SupervisedSpeeds,
-    TrainAhead,
-    Trajectory,
-)
+from train_ato.messages import types as msg
 
 KINDS = ("measurement", "reference", "estimate")
 """Messages of a step, one of each per stamp."""
@@ -28,13 +20,13 @@ SUPERVISED_KINDS = ("protection", "speeds")
 class ControllerInputs:
     """Inputs of one step with the same stamp; ``profile`` is set at the first step of a new profile."""
 
-    measurement: Measurement
-    reference: Reference
-    estimate: DisturbanceEstimate
-    protection: ProtectionState | None = None
-    speeds: SupervisedSpeeds | None = None
-    ahead: TrainAhead | None = None
-    profile: Trajectory | None = None
+    measurement: msg.Measurement
+    reference: msg.Reference
+    estimate: msg.DisturbanceEstimate
+    protection: msg.ProtectionState | None = None
+    speeds: msg.SupervisedSpeeds | None = None
+    ahead: msg.TrainAhead | None = None
+    profile: msg.Trajectory | None = None
 
 
 class StampSynchronizer:
@@ -71,7 +63,7 @@ class StampSynchronizer:
         self._newest = -1
         self._waiting: dict[int, dict[str, Any]] = {}
         self._last = -1
-        self._profiles: dict[int, Trajectory] = {}
+        self._profiles: dict[int, msg.Trajectory] = {}
         self._current = -1
         self._complete: deque[ControllerInputs] = deque()
         self._joined = -1

@@ -19,21 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.messages.cdr import (
-    HEAD,
-    SECOND,
-    TIME,
-    Fields,
-    Layout,
-    blank,
-    fill_times,
-    layout_of,
-    resize,
-    rows_of,
-    stamp_of,
-    structure,
-    typestore,
-)
+from train_ato.messages import cdr
+from train_ato.messages.cdr import stamp_of
 from train_ato.messages.topic import Place, Topic, TrainLayout
 from train_ato.messages.topics import EPOCH_NS, FORMER, Values, topics_of
 from train_ato.messages.types import FormerTrainAhead
@@ -80,19 +67,21 @@ class TopicRecord:
         self.topic = topic
         self.blank = _blank_of(topic, layout)
         self._names = topic.names(layout)
-        self._layout = layout_of(typestore(), topic.type, self.blank)
+        self._layout = cdr.layout_of(cdr.typestore(), topic.type, self.blank)
         self._read = dict.fromkeys((self._layout.leaves[0].path, *(place.path for place in topic.places)))
         self._paths = {place.field: place.path for place in topic.places[::-1] if place.field != "stamp"}
         order = [entry.name for entry in dataclasses.fields(topic.message) if entry.name != "stamp"]
         if sorted(order) != sorted(self._paths):
             raise ValueError(f"topic {topic.name}: every field of {topic.message.__name__} needs one place")
         fields = _fields_of(topic, layout, self._layout)
-        self.dtype = structure(fields, len(self.blank))
+        self.dtype = cdr.structure(fields, len(self.blank))
         self._length, self._unpack_fixed = len(self.blank), _fixed_of(fields, len(self.blank)).unpack
         self._constants = self._unpack_fixed(self.blank)
-        self._message = memoryview(bytearray(bytes(HEAD) + self.blank))[HEAD:]  # numbers at multiples of their size
+        self._message = memoryview(bytearray(bytes(cdr.HEAD) + self.blank))[
+            cdr.HEAD :
+        ]  # numbers at multiples of their size
         self._row = np.frombuffer(self._message, self.dtype)
-        self._other: Layout | None = None
+        self._other: cdr.Layout | None = None
 
         self._times = [(place, name, fields[name][1]) for place, name in enumerate(order) if fields[name][0].names]
         numbers = {name: field for name, field in fields.items() if not field[0].names}
@@ -121,14 +110,14 @@ class TopicRecord:
             For an array of the wrong type or length, or a number that is not finite.
         """
         data, stamp = self._message, message.stamp
-        TIME.pack_into(data, HEAD, *divmod(EPOCH_NS + stamp, SECOND))
+        cdr.TIME.pack_into(data, cdr.HEAD, *divmod(EPOCH_NS + stamp, cdr.SECOND))
         for name, _, out, size in self._writers:
             value = getattr(message, name)
             if size is not None and (value.size != size or value.dtype.char != "d"):
                 self._refuse(name, value, size)
             out[...] = value
         for _, name, start in self._times:
-            TIME.pack_into(data, start, *divmod(getattr(message, name) - stamp, SECOND))
+            cdr.TIME.pack_into(data, start, *divmod(getattr(message, name) - stamp, cdr.SECOND))
         if self._checked:
             self._numbers_of(data)
         return bytes(data)
@@ -145,9 +134,9 @@ class TopicRecord:
         values
             Values by field, shape (messages, n) each; durations [ns] as integers.
         """
-        fill_times(rows["stamp"], EPOCH_NS + stamps)
+        cdr.fill_times(rows["stamp"], EPOCH_NS + stamps)
         for _, name, _ in self._times:
-            fill_times(rows[name], values[name][:, 0] - stamps)
+            cdr.fill_times(rows[name], values[name][:, 0] - stamps)
         for name, key, own, size in self._writers:
             column = values[name]
             if column.shape[1] != own.size:
@@ -169,11 +158,11 @@ class TopicRecord:
         single = self._numbers_of(data)
         array: Any = np.ndarray((self._size,), FLOAT64, bytearray(data[self._numbers])) if self._arrays else None
         values: list[Any] = [(array if several else single)[part] for several, part in self._parts]
-        seconds, nanoseconds = TIME.unpack_from(data, HEAD)
-        stamp = seconds * SECOND + nanoseconds - EPOCH_NS
+        seconds, nanoseconds = cdr.TIME.unpack_from(data, cdr.HEAD)
+        stamp = seconds * cdr.SECOND + nanoseconds - EPOCH_NS
         for number, _, start in self._times:
-            seconds, nanoseconds = TIME.unpack_from(data, start)
-            values[number] = seconds * SECOND + nanoseconds + stamp
+            seconds, nanoseconds = cdr.TIME.unpack_from(data, start)
+            values[number] = seconds * cdr.SECOND + nanoseconds + stamp
         return self.topic.message(stamp, *values)
 
     def _numbers_of(self, data: bytes | memoryview) -> tuple[Any, ...]:
@@ -196,9 +185,9 @@ class TopicRecord:
         Names and lengths are checked.
         """
         layout = self._other
-        if layout is None or layout.length != len(data) or not layout.fits(rows_of([data], len(data))).all():
+        if layout is None or layout.length != len(data) or not layout.fits(cdr.rows_of([data], len(data))).all():
             try:
-                layout = layout_of(typestore(), self.topic.type, data)
+                layout = cdr.layout_of(cdr.typestore(), self.topic.type, data)
                 self._check(layout)
             except ValueError as error:
                 raise ValueError(f"{self.topic.name}: {error}") from None
@@ -209,7 +198,7 @@ class TopicRecord:
             own[path] = other[path]
         return own.tobytes()
 
-    def _check(self, layout: Layout) -> None:
+    def _check(self, layout: cdr.Layout) -> None:
         """Check names and lengths of the layout of a message."""
         path, due = f"{self.topic.names_path}[", self._names
         names = tuple(leaf.text for leaf in layout.leaves if leaf.path.startswith(path))
@@ -238,7 +227,7 @@ class TopicRecord:
 
 def _blank_of(topic: Topic, layout: TrainLayout) -> bytes:
     """Return the bytes of a message with stamp and numbers 0."""
-    message = blank(topic.type)
+    message = cdr.blank(topic.type)
     if topic.owners:
         setattr(message, topic.names_path, list(topic.names(layout)))
     if frame := topic.frame_id(layout):
@@ -249,8 +238,8 @@ def _blank_of(topic: Topic, layout: TrainLayout) -> bytes:
     for place in topic.places:
         sizes[place.path] = sizes.get(place.path, 0) + _size(place, layout)
     for path, size in sizes.items():
-        resize(topic.type, message, path, size)
-    return bytes(typestore().serialize_cdr(message, topic.type))
+        cdr.resize(topic.type, message, path, size)
+    return bytes(cdr.typestore().serialize_cdr(message, topic.type))
 
 
 def _listed(names: tuple[str, ...]) -> str:
@@ -265,12 +254,12 @@ def _size(place: Place, layout: TrainLayout) -> int:
     return 1 if place.owner is None else len(layout.names(place.owner))
 
 
-def _fields_of(topic: Topic, layout: TrainLayout, found: Layout) -> Fields:
+def _fields_of(topic: Topic, layout: TrainLayout, found: cdr.Layout) -> cdr.Fields:
     """Return type and offset of the fields of the dataclass in the bytes of a message."""
     leaves, stamp = {leaf.path: leaf for leaf in found.leaves}, found.leaves[0]
-    if stamp.dtype is None or not (stamp.is_time and stamp.start == HEAD):
+    if stamp.dtype is None or not (stamp.is_time and stamp.start == cdr.HEAD):
         raise ValueError(f"topic {topic.name}: a {topic.type} does not begin with its stamp")
-    fields: Fields = {"stamp": (stamp.dtype, HEAD)}
+    fields: cdr.Fields = {"stamp": (stamp.dtype, cdr.HEAD)}
     ends: dict[str, int] = {}
     for place in topic.places:
         if place.field == "stamp":
@@ -285,7 +274,7 @@ def _fields_of(topic: Topic, layout: TrainLayout, found: Layout) -> Fields:
     return fields
 
 
-def _fixed_of(fields: Fields, length: int) -> struct.Struct:
+def _fixed_of(fields: cdr.Fields, length: int) -> struct.Struct:
     """Return the format of the bytes of a message without a field."""
     form, place = "<", 0
     for start, size in sorted((start, kind.itemsize) for kind, start in fields.values()):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.messages import types as msg
 from train_ato.messages.topic import (
     AIR_BRAKE,
     BEHIND,
@@ -31,27 +32,6 @@ from train_ato.messages.topic import (
     joint_states,
     knots,
     states,
-)
-from train_ato.messages.types import (
-    AtoReport,
-    BrakeRelease,
-    BrakeShoes,
-    Command,
-    Diagnostic,
-    Disturbance,
-    DisturbanceEstimate,
-    ForceParts,
-    FormerTrainAhead,
-    Measurement,
-    Odometry,
-    Pipe,
-    ProtectionState,
-    Reference,
-    SupervisedSpeeds,
-    Tick,
-    TrainAhead,
-    Trajectory,
-    VehicleStates,
 )
 
 __all__ = [
@@ -95,18 +75,18 @@ _truth = partial(Topic, publishers=(Role.PLANT,), optional=True)
 _supervised = partial(Topic, rate=Rate.SUPERVISION, condition=SUPERVISED)
 _TABLE: tuple[Topic, ...] = (
     _truth(
-        "/clock", _CLOCK, Tick, (Place("clock", "stamp"),),
+        "/clock", _CLOCK, msg.Tick, (Place("clock", "stamp"),),
         meaning="simulation time, for tools; nothing in the loop waits for it",
     ),
     _truth(
-        "train/vehicles", JOINT_STATE, VehicleStates,
+        "train/vehicles", JOINT_STATE, msg.VehicleStates,
         joint_states(Owner.VEHICLE, position="position", velocity="velocity", effort="coupler_force"),
         meaning="truth, one entry per vehicle, front first", finite=False,
     ),
     Topic(
         "train/measurement",
         JOINT_STATE,
-        Measurement,
+        msg.Measurement,
         (
             *joint_states(Owner.UNIT, position="position", velocity="velocity", effort="applied"),
             *joint_states(Owner.COUPLER, position="deflection", velocity="rate", effort="force"),
@@ -116,23 +96,23 @@ _TABLE: tuple[Topic, ...] = (
         meaning="measurement of the onboard ATO, with noise; starts a tick",
     ),
     _truth(
-        "train/brake_pipe", _PRESSURE, Pipe, (Place("fluid_pressure", "pressure"),),
+        "train/brake_pipe", _PRESSURE, msg.Pipe, (Place("fluid_pressure", "pressure"),),
         meaning="brake-pipe pressure at the head", frame=0, condition=AIR_BRAKE,
     ),
     _truth(
-        "train/brake_pipe_tail", _PRESSURE, Pipe, (Place("fluid_pressure", "pressure"),),
+        "train/brake_pipe_tail", _PRESSURE, msg.Pipe, (Place("fluid_pressure", "pressure"),),
         meaning="brake-pipe pressure at the tail", frame=-1, condition=AIR_BRAKE,
     ),
     _truth(
-        "train/brake_shoes", JOINT_STATE, BrakeShoes, joint_states(Owner.VEHICLE, effort="shoe_force"),
+        "train/brake_shoes", JOINT_STATE, msg.BrakeShoes, joint_states(Owner.VEHICLE, effort="shoe_force"),
         meaning="air brake of every vehicle", condition=AIR_BRAKE, finite=False,
     ),
     _truth(
-        "train/disturbance", JOINT_STATE, Disturbance, joint_states(Owner.VEHICLE, effort="force"),
+        "train/disturbance", JOINT_STATE, msg.Disturbance, joint_states(Owner.VEHICLE, effort="force"),
         meaning="true external disturbance forces", condition=DISTURBED, finite=False,
     ),
     _supervised(
-        "train/odometry", JOINT_STATE, Odometry,
+        "train/odometry", JOINT_STATE, msg.Odometry,
         (
             *joint_states(Owner.ODOMETER, position="position", velocity="speed"),
             *joint_states(Owner.SINCE_BALISE, position="since_balise", velocity="speed"),
@@ -141,42 +121,42 @@ _TABLE: tuple[Topic, ...] = (
         meaning="odometry of the supervisor, independent of the measurement; starts its step",
     ),
     _supervised(
-        "train/protection", DIAGNOSTICS, ProtectionState, states(Owner.BRAKE_LINE, "active"),
+        "train/protection", DIAGNOSTICS, msg.ProtectionState, states(Owner.BRAKE_LINE, "active"),
         publishers=(Role.PLANT,), readers=(Role.CONTROLLER,),
         meaning="traction cut-off and brakes in effect, demanded by the supervisor, a fail-safe reaction or a request",
     ),
     Topic(
-        REPORT, TRAJECTORY, TrainAhead, _REPORTED, publishers=(Role.PLANT,), readers=(Role.PLANT,),
+        REPORT, TRAJECTORY, msg.TrainAhead, _REPORTED, publishers=(Role.PLANT,), readers=(Role.PLANT,),
         rate=Rate.REPORT,
         meaning="report for the train behind, read by the plant of that train; latched for one that starts later",
         condition=REPORTS, recorded=False, latched=True, depth=10_000, finite=False, awaited=False,
     ),
     Topic(
-        AHEAD, TRAJECTORY, TrainAhead, _REPORTED, publishers=(Role.PLANT,),
+        AHEAD, TRAJECTORY, msg.TrainAhead, _REPORTED, publishers=(Role.PLANT,),
         readers=(Role.SUPERVISOR, Role.PROFILE, Role.CONTROLLER), rate=Rate.REPORT,
         meaning="newest report of the train ahead that has reached the train; each reader has a link of its own",
         condition=BEHIND,
     ),
     _supervised(
-        "atp/brake_release", DIAGNOSTICS, BrakeRelease, states(Owner.BRAKE_LINE, "released", "alive"),
+        "atp/brake_release", DIAGNOSTICS, msg.BrakeRelease, states(Owner.BRAKE_LINE, "released", "alive"),
         publishers=(Role.SUPERVISOR,), readers=(Role.PLANT,),
         meaning="release of traction and brakes; the plant brakes without it",
     ),
     _supervised(
-        "atp/speeds", JOINT_STATE, SupervisedSpeeds,
+        "atp/speeds", JOINT_STATE, msg.SupervisedSpeeds,
         joint_states(Owner.SUPERVISED_SPEED, position="position", velocity="speed"), publishers=(Role.SUPERVISOR,),
         readers=(Role.CONTROLLER,),
         meaning="speed of the train and limits of the supervision: permitted, warning, service brake, emergency brake",
     ),
     _supervised(
-        "ato/state", DIAGNOSTICS, AtoReport, states(Owner.ATO, "state", "position", "velocity"),
+        "ato/state", DIAGNOSTICS, msg.AtoReport, states(Owner.ATO, "state", "position", "velocity"),
         publishers=(Role.CONTROLLER,), readers=(Role.PROFILE,), meaning="state of the ATO and its measured motion",
         finite=False, optional=True,
     ),
     Topic(
         "ato/profile",
         TRAJECTORY,
-        Trajectory,
+        msg.Trajectory,
         (
             *knots(""),
             Place("points[].time_from_start", "time", meaning="time of the knot, in the message from `header.stamp`"),
@@ -192,7 +172,7 @@ _TABLE: tuple[Topic, ...] = (
         depth=10,
     ),
     Topic(
-        "ato/limits", TRAJECTORY, Trajectory,
+        "ato/limits", TRAJECTORY, msg.Trajectory,
         knots("", acceleration=False, position="place from which the limit holds"), publishers=(Role.PROFILE,),
         rate=Rate.ONCE, meaning="speed limit over the line, as steps", frame=LINE_FRAME,
         texts=(("joint_names", ("limit",)),), latched=True, depth=1, optional=True,
@@ -200,7 +180,7 @@ _TABLE: tuple[Topic, ...] = (
     Topic(
         "ato/reference",
         TRAJECTORY,
-        Reference,
+        msg.Reference,
         (
             *knots("0"),
             Place(
@@ -215,18 +195,18 @@ _TABLE: tuple[Topic, ...] = (
         texts=(("joint_names", ("train",)),),
     ),
     Topic(
-        "ato/estimate", JOINT_STATE, DisturbanceEstimate, joint_states(Owner.UNIT, effort="force"),
+        "ato/estimate", JOINT_STATE, msg.DisturbanceEstimate, joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.OBSERVER,), readers=(Role.CONTROLLER,), meaning="disturbance force per power unit",
     ),
     Topic(
-        "ato/command", JOINT_STATE, Command, joint_states(Owner.UNIT, effort="force"),
+        "ato/command", JOINT_STATE, msg.Command, joint_states(Owner.UNIT, effort="force"),
         publishers=(Role.CONTROLLER,), readers=(Role.PLANT,),
         meaning="force demand per power unit as sent; ends a tick",
     ),
     Topic(
         FORCE_PARTS,
         JOINT_STATE,
-        ForceParts,
+        msg.ForceParts,
         (
             *joint_states(Owner.FEED_FORWARD, effort="feed_forward"),
             *joint_states(Owner.FEEDBACK, effort="feedback"), *joint_states(Owner.ESTIMATE, effort="estimate"),
@@ -239,20 +219,20 @@ _TABLE: tuple[Topic, ...] = (
         optional=True,
     ),
     Topic(
-        "ato/brake_pipe_command", _PRESSURE, Pipe,
+        "ato/brake_pipe_command", _PRESSURE, msg.Pipe,
         (Place("fluid_pressure", "pressure", meaning="absolute; 600 kPa releases"),), publishers=(Role.CONTROLLER,),
         readers=(Role.PLANT,), meaning="brake-pipe pressure demanded at the head", frame=0, condition=AIR_BRAKE,
         optional=True,
     ),
     Topic(
-        "/diagnostics", DIAGNOSTICS, Diagnostic, _STATUS,
+        "/diagnostics", DIAGNOSTICS, msg.Diagnostic, _STATUS,
         publishers=(Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.SUPERVISOR), rate=Rate.SECOND,
         meaning="mode, law, delays, limits, interventions, per node; also immediately after an event",
     ),
     Topic(
         END_TOPIC,
         DIAGNOSTICS,
-        Diagnostic,
+        msg.Diagnostic,
         _STATUS,
         publishers=(Role.PLANT,),
         readers=(Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER),
@@ -267,7 +247,7 @@ _TABLE: tuple[Topic, ...] = (
     Topic(
         "recorder/progress",
         _HEADER,
-        Tick,
+        msg.Tick,
         (Place("stamp", "stamp"),),
         publishers=(Role.RECORDER,),
         readers=(Role.PLANT,),
@@ -303,14 +283,14 @@ _FORMER_ENDS = joint_states(Owner.TRAIN_END, position="position", velocity="spee
 FORMER: dict[str, Topic] = {
     topic.name: topic
     for topic in (
-        _former("train/odometry", Odometry,
+        _former("train/odometry", msg.Odometry,
                 *joint_states(Owner.ODOMETER, position="position", velocity="speed", effort="since_balise")),
-        _former("train/protection", ProtectionState, *joint_states(Owner.BRAKE_LINE, position="active")),
-        _former(REPORT, FormerTrainAhead, *_FORMER_ENDS),
-        _former(AHEAD, FormerTrainAhead, *_FORMER_ENDS),
-        _former("atp/brake_release", BrakeRelease,
+        _former("train/protection", msg.ProtectionState, *joint_states(Owner.BRAKE_LINE, position="active")),
+        _former(REPORT, msg.FormerTrainAhead, *_FORMER_ENDS),
+        _former(AHEAD, msg.FormerTrainAhead, *_FORMER_ENDS),
+        _former("atp/brake_release", msg.BrakeRelease,
                 *joint_states(Owner.BRAKE_LINE, position="released", velocity="alive")),
-        _former("ato/state", AtoReport,
+        _former("ato/state", msg.AtoReport,
                 *joint_states(Owner.ATO, position="position", velocity="velocity", effort="state")),
     )
 }  # fmt: skip
