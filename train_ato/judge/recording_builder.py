@@ -10,21 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.judge import recording as rec
 from train_ato.judge.kept_samples import KeptSamples
-from train_ato.judge.recording import (
-    ATO_STATE,
-    BRAKE_SHOES,
-    COMMAND,
-    DIAGNOSTICS,
-    DISTURBANCE,
-    FIELDS,
-    LIMITS,
-    MEASUREMENT,
-    PROFILE,
-    REFERENCE,
-    TRUTH,
-    Recording,
-)
 from train_ato.judge.repeated_reports import KeptReports, RepeatedReport
 from train_ato.judge.series import TopicSamples, seconds
 from train_ato.messages.types import Array, Trajectory
@@ -32,7 +19,7 @@ from train_ato.scenario.setup import RunSetup
 
 PORTION = 256
 """Number of messages of a topic that are stacked at once."""
-SUMMARY_TOPICS = (TRUTH, DISTURBANCE, MEASUREMENT, REFERENCE, COMMAND, ATO_STATE)
+SUMMARY_TOPICS = (rec.TRUTH, rec.DISTURBANCE, rec.MEASUREMENT, rec.REFERENCE, rec.COMMAND, rec.ATO_STATE)
 """Topics of the summary of a run without requirements."""
 
 
@@ -59,7 +46,7 @@ def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles:
         The shoe force has ``total``.  Other topics are unchanged.
     """
     kept: dict[str, Array] = {}
-    if topic not in (TRUTH, DISTURBANCE, BRAKE_SHOES):
+    if topic not in (rec.TRUTH, rec.DISTURBANCE, rec.BRAKE_SHOES):
         return values
     for name, part in values.items():
         count = part.shape[1]
@@ -71,9 +58,9 @@ def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles:
                 kept["coupler_buff_max"] = part.min(axis=1, keepdims=True)
             if count > 3:
                 kept["coupler_samples"] = np.take(part, [0, (count - 1) // 2, count - 2], axis=1)
-        elif topic == TRUTH:
+        elif topic == rec.TRUTH:
             kept |= {f"front_{name}": part[:, :1].copy(), f"rear_{name}": part[:, -1:].copy()}
-        elif count > len(units) or topic == BRAKE_SHOES:
+        elif count > len(units) or topic == rec.BRAKE_SHOES:
             kept["total"] = part.sum(axis=1, keepdims=True)
         if name in ("position", "velocity", "force"):
             kept[f"unit_{name}"] = np.take(part, [unit for unit in units if unit < count], axis=1)
@@ -96,7 +83,7 @@ class RecordingBuilder:
 
     def __post_init__(self) -> None:
         self._units = list(self.setup.model.units)
-        self._topics = SUMMARY_TOPICS if self.summary_only else tuple(FIELDS)
+        self._topics = SUMMARY_TOPICS if self.summary_only else tuple(rec.FIELDS)
         self._open: dict[str, list[Any]] = {topic: [] for topic in self._topics}
         self._closed = KeptSamples(self.folder)
         self._others: Counter[str] = Counter()
@@ -143,17 +130,17 @@ class RecordingBuilder:
     def extend_reports(self, reports: Iterable[RepeatedReport]) -> None:
         """Add the diagnostics of compiled ticks."""
         for report in reports:
-            self._others[DIAGNOSTICS] += len(report.stamps)
+            self._others[rec.DIAGNOSTICS] += len(report.stamps)
             self._reports.add(report)
 
     def _add_single(self, topic: str, message: Any) -> None:
         """Add a message of a topic without a series."""
         self._others[topic] += 1
-        if topic == DIAGNOSTICS:
+        if topic == rec.DIAGNOSTICS:
             self._reports.add(message)
-        elif topic == PROFILE:
+        elif topic == rec.PROFILE:
             self._profiles.append(message)
-        elif topic == LIMITS:
+        elif topic == rec.LIMITS:
             self._limits = message
 
     @property
@@ -165,25 +152,25 @@ class RecordingBuilder:
     def _close(self, topic: str) -> None:
         """Stack and reduce the open messages of a topic."""
         rows, self._open[topic] = self._open[topic], []
-        values = {name: _stacked(list(map(attrgetter(name), rows))) for name in FIELDS[topic]}
+        values = {name: _stacked(list(map(attrgetter(name), rows))) for name in rec.FIELDS[topic]}
         time = seconds([row.stamp for row in rows])
         self._closed.add(topic, TopicSamples(time, self._kept(topic, values)))
 
     def _kept(self, topic: str, values: dict[str, Array]) -> dict[str, Array]:
         """Return the samples of a topic that the recording contains, with every coupler if the summary needs it."""
         kept = reduced(topic, values, self._units)
-        if topic == TRUTH and self.setup.scenario.evaluation.couplers:
+        if topic == rec.TRUTH and self.setup.scenario.evaluation.couplers:
             kept["coupler_force"] = values["coupler_force"]
         return kept
 
-    def finish(self) -> Recording:
+    def finish(self) -> rec.Recording:
         """Return the recording, once: the samples go over to it."""
         for topic in self._topics:
             if self._open[topic]:
                 self._close(topic)
         found = self._closed.finish()
         topics = {topic: found[topic] for topic in self._topics if topic in found}
-        return Recording(topics, tuple(self._profiles), self._limits, self._reports.finish())
+        return rec.Recording(topics, tuple(self._profiles), self._limits, self._reports.finish())
 
 
 def _stacked(parts: list[Any]) -> Array:

@@ -13,19 +13,7 @@ from types import TracebackType
 
 from mcap.records import Channel, Schema
 
-from train_ato.log.bag_layout import (
-    LOG,
-    METADATA,
-    NEVER,
-    ChannelCount,
-    bag_information,
-    log_name,
-    metadata_record,
-    metadata_yaml,
-    offered_qos,
-    qos_profiles,
-    qos_text,
-)
+from train_ato.log import bag_layout as bag
 from train_ato.log.chunk_thread import ChunkThread
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
@@ -72,7 +60,7 @@ class LogFile(ChunkThread):
         self,
         folder: Path,
         attachments: Mapping[str, bytes] | None = None,
-        name: str = LOG,
+        name: str = bag.LOG,
         *,
         chunk_size: int = CHUNK,
         compression: str = DEFAULT,
@@ -100,7 +88,9 @@ class LogFile(ChunkThread):
         self.start()
 
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
-        self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
+        self._writer.metadata(
+            "rosbag2", bag.metadata_record(bag.bag_information(self.path.name, [], bag.NEVER, bag.NEVER))
+        )
         self._write_wall_time()
         for name, data in attachments.items():
             self._writer.attachment(name, YAML, data, EPOCH_NS)
@@ -120,7 +110,7 @@ class LogFile(ChunkThread):
     def copy(self, channel: Channel, schema: Schema) -> int:
         """Add a topic of another log with its encoding; return its number."""
         offered = channel.metadata.get("offered_qos_profiles", "")
-        metadata = {**channel.metadata, "offered_qos_profiles": offered if offered_qos(offered) else "[]"}
+        metadata = {**channel.metadata, "offered_qos_profiles": offered if bag.offered_qos(offered) else "[]"}
         return self._declare(channel.topic, channel.message_encoding, schema, metadata)
 
     def _declare(self, name: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
@@ -160,13 +150,13 @@ class LogFile(ChunkThread):
 
     def _finish(self) -> None:
         pairs = zip(self._channels, self._writer.counts, strict=True)
-        channels = [ChannelCount(*channel, count) for channel, count in pairs]
-        span = self._writer.span if any(self._writer.counts) else (NEVER, NEVER)
-        information = bag_information(self.path.name, channels, *span)
+        channels = [bag.ChannelCount(*channel, count) for channel, count in pairs]
+        span = self._writer.span if any(self._writer.counts) else (bag.NEVER, bag.NEVER)
+        information = bag.bag_information(self.path.name, channels, *span)
         self._write_wall_time()
-        self._writer.metadata("rosbag2", metadata_record(information))
+        self._writer.metadata("rosbag2", bag.metadata_record(information))
         self._writer.finish()
-        write_whole(self.path.parent / METADATA, metadata_yaml(information))
+        write_whole(self.path.parent / bag.METADATA, bag.metadata_yaml(information))
         self._partial.rename(self.path)
         self._stream.close()
 
@@ -208,11 +198,11 @@ class RunLog(LogFile):
             if topic.recorded:
                 known = definition(topic.type)
                 self.numbers[topic.name] = self.channel(
-                    log_name(topic, resolved(topic.name)),
+                    bag.log_name(topic, resolved(topic.name)),
                     topic.type,
                     known.text,
                     known.hash,
-                    qos_text(qos_profiles(topic)),
+                    bag.qos_text(bag.qos_profiles(topic)),
                 )
 
     @property

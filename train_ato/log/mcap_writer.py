@@ -18,24 +18,9 @@ from itertools import accumulate, pairwise
 from typing import BinaryIO
 
 import numpy as np
+from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from numpy.typing import NDArray
 
 from train_ato.log.compression import DEFAULT, packer
@@ -120,7 +105,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _INDEX = struct.Struct("<BQHI")
 
 
-def _bytes(record: McapRecord) -> bytes:
+def _bytes(record: mcap_records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]
@@ -163,16 +148,16 @@ class McapWriter:
         self._compression, self._pack = packer(compression)
         self._place = 0
         self._sum = 0
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self._attachments: list[AttachmentIndex] = []
+        self._schemas: list[mcap_records.Schema] = []
+        self._channels: list[mcap_records.Channel] = []
+        self._chunks: list[mcap_records.ChunkIndex] = []
+        self._metadata: list[mcap_records.MetadataIndex] = []
+        self._attachments: list[mcap_records.AttachmentIndex] = []
         self._taken: list[int] = []
         self._chunk = OpenChunk()
         self.span = (0, 0)
         self._write(MAGIC)
-        self._write(_bytes(Header(profile, library)))
+        self._write(_bytes(mcap_records.Header(profile, library)))
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
@@ -196,14 +181,16 @@ class McapWriter:
 
     def schema(self, name: str, encoding: str, text: bytes) -> int:
         """Add a schema and return its number."""
-        self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=text))
+        self._schemas.append(mcap_records.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=text))
         self._chunk.data += _bytes(self._schemas[-1])
         return len(self._schemas)
 
     def channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
         """Add a channel and return its number."""
         number = len(self._channels) + 1
-        channel = Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=metadata)
+        channel = mcap_records.Channel(
+            id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=metadata
+        )
         self._channels.append(channel)
         self._taken.append(0)
         self._chunk.index.append([])
@@ -252,7 +239,7 @@ class McapWriter:
         last = max(max(entries[::2]) for entries in chunk.index if entries)
         self._write(
             _bytes(
-                Chunk(
+                mcap_records.Chunk(
                     compression=self._compression,
                     data=packed,
                     message_start_time=first,
@@ -271,7 +258,7 @@ class McapWriter:
                 self._write(_INDEX.pack(7, 6 + size, number, size) + struct.pack(f"<{len(entries)}Q", *entries))
         span = (first, last) if not self._chunks else (min(self.span[0], first), max(self.span[1], last))
         self._chunks.append(
-            ChunkIndex(
+            mcap_records.ChunkIndex(
                 chunk_length=length,
                 chunk_start_offset=begin,
                 compression=self._compression,
@@ -288,23 +275,23 @@ class McapWriter:
 
     def attachment(self, name: str, media_type: str, data: bytes, moment_ns: int) -> None:
         """Add an attachment with the time ``moment_ns`` [ns since 1970]."""
-        record = _bytes(Attachment(moment_ns, moment_ns, name, media_type, data))
+        record = _bytes(mcap_records.Attachment(moment_ns, moment_ns, name, media_type, data))
         self._attachments.append(
-            AttachmentIndex(self._place, len(record), moment_ns, moment_ns, len(data), name, media_type)
+            mcap_records.AttachmentIndex(self._place, len(record), moment_ns, moment_ns, len(data), name, media_type)
         )
         self._write(record)
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Add a metadata record."""
-        data = _bytes(Metadata(name=name, metadata=values))
-        self._metadata.append(MetadataIndex(offset=self._place, length=len(data), name=name))
+        data = _bytes(mcap_records.Metadata(name=name, metadata=values))
+        self._metadata.append(mcap_records.MetadataIndex(offset=self._place, length=len(data), name=name))
         self._write(data)
 
     def finish(self) -> None:
         """Write the summary and the footer, after the last chunk."""
-        self._write(_bytes(DataEnd(self._sum)))
+        self._write(_bytes(mcap_records.DataEnd(self._sum)))
         start = self._place
-        groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
+        groups: tuple[tuple[Opcode, Sequence[mcap_records.McapRecord]], ...] = (
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
@@ -318,17 +305,17 @@ class McapWriter:
             for record in records:
                 summary += _bytes(record)
             if records:
-                offsets += _bytes(SummaryOffset(code, start + begin, len(summary) - begin))
+                offsets += _bytes(mcap_records.SummaryOffset(code, start + begin, len(summary) - begin))
         offset_start = start + len(summary)
         summary += offsets
         head = struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, start, offset_start)
         self._write(bytes(summary))
-        self._write(_bytes(Footer(start, offset_start, zlib.crc32(head, zlib.crc32(summary)))))
+        self._write(_bytes(mcap_records.Footer(start, offset_start, zlib.crc32(head, zlib.crc32(summary)))))
         self._write(MAGIC)
         self._stream.flush()
 
-    def _statistics(self) -> Statistics:
-        return Statistics(
+    def _statistics(self) -> mcap_records.Statistics:
+        return mcap_records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts={at + 1: count for at, count in enumerate(self._taken) if count},

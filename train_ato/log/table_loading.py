@@ -13,28 +13,10 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from plant_sim.input_error import close_match
 from train_ato.judge.series import seconds
+from train_ato.log import table_columns, tables
 from train_ato.log.bag_layout import table_name
 from train_ato.log.foreign_bag import original
 from train_ato.log.reading import MERGED, log_file, time_zero
-from train_ato.log.table_columns import (
-    TICKS,
-    TIME,
-    diagnostic_table,
-    diagnostic_texts,
-    merged,
-    states_table,
-    trajectory_table,
-)
-from train_ato.log.tables import (
-    KeptMessages,
-    Portion,
-    Reader,
-    TopicMessages,
-    check_foreign,
-    check_known,
-    foreign_table,
-    known_table,
-)
 from train_ato.messages.cdr import typestore
 from train_ato.messages.topics import Topic, topic_of
 from train_ato.messages.types import Diagnostic
@@ -130,9 +112,9 @@ class TableReader:
             raise ValueError(f"topics: '{topics}' is one name; give a list of names")
         self._path = log_file(Path(run))
         self._topics = None if topics is None else tuple(topics)
-        self._reader = Reader(self._path, self._wanted, progress)
-        self._messages: dict[str, TopicMessages] = {}
-        self._payloads = KeptMessages()
+        self._reader = tables.Reader(self._path, self._wanted, progress)
+        self._messages: dict[str, tables.TopicMessages] = {}
+        self._payloads = tables.KeptMessages()
         self._reports: dict[str, list[Diagnostic]] = {}
         self.left_out: dict[str, str] = {}
 
@@ -173,12 +155,12 @@ class TableReader:
                 if len(rows) >= REPORTS_OF_PART:
                     until = max(row.stamp for row in rows) - LATE_NS
                     reports[name] = [row for row in rows if row.stamp > until]
-                    yield name, diagnostic_texts(row for row in rows if row.stamp <= until)
+                    yield name, table_columns.diagnostic_texts(row for row in rows if row.stamp <= until)
         self._check_topics()
         for name in self._names():
             yield from self._part(name)
             if name in reports:
-                yield name, diagnostic_texts(reports[name])
+                yield name, table_columns.diagnostic_texts(reports[name])
 
     def _part(self, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
         table = self._table(name)
@@ -188,7 +170,7 @@ class TableReader:
     def _names(self) -> Iterable[str]:
         return dict.fromkeys(channel.topic for channel, _ in self._reader.channels)
 
-    def _add(self, portion: Portion) -> None:
+    def _add(self, portion: tables.Portion) -> None:
         if portion.channel.topic not in self.left_out:
             with self._refusing(portion.channel.topic):
                 self._take(portion.channel.topic, portion)
@@ -205,7 +187,7 @@ class TableReader:
 
     def since_begin(self, table: pd.DataFrame) -> pd.DataFrame:
         """Return a table over publish time [ns] over the time since the begin of the log [s]."""
-        return table.set_axis(pd.Index(seconds(table.index.to_numpy() - self._begin()), name=TIME))
+        return table.set_axis(pd.Index(seconds(table.index.to_numpy() - self._begin()), name=table_columns.TIME))
 
     def _wanted(self, channel: Channel, schema: Schema) -> bool:
         if self._topics is not None and not any(_named(channel.topic, name) for name in self._topics):
@@ -216,7 +198,7 @@ class TableReader:
             return False
         return True
 
-    def _take(self, name: str, portion: Portion) -> None:
+    def _take(self, name: str, portion: tables.Portion) -> None:
         """Add a portion of a topic."""
         known = _known(name, portion.schema)
         if known is not None and known.of_variable_length:
@@ -224,9 +206,9 @@ class TableReader:
             return
         if name not in self._messages:
             if known is not None:
-                messages = TopicMessages(typestore(), portion.schema.name, partial(check_known, known))
+                messages = tables.TopicMessages(typestore(), portion.schema.name, partial(tables.check_known, known))
             else:
-                messages = TopicMessages(_types(portion.schema), portion.schema.name, check_foreign)
+                messages = tables.TopicMessages(_types(portion.schema), portion.schema.name, tables.check_foreign)
             self._messages[name] = messages
         self._messages[name].add(portion)
 
@@ -242,13 +224,15 @@ class TableReader:
             assert known is not None
             payloads = self._payloads.take(name)
             if known.message is Diagnostic:
-                return diagnostic_table(payloads)
-            return (states_table if known.has_states else trajectory_table)(known.name, payloads)
+                return table_columns.diagnostic_table(payloads)
+            return (table_columns.states_table if known.has_states else table_columns.trajectory_table)(
+                known.name, payloads
+            )
         messages = self._messages.pop(name, None)
         if messages is None or name in self.left_out:
             return None
-        table = known_table(known, messages) if known is not None else foreign_table(messages)
-        if known is not None and known.name == TICKS and merged(table.index):
+        table = tables.known_table(known, messages) if known is not None else tables.foreign_table(messages)
+        if known is not None and known.name == table_columns.TICKS and table_columns.merged(table.index):
             raise ValueError(f"two messages of one time: {MERGED}")
         return table
 

@@ -19,19 +19,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel
 
 from plant_sim.input_error import close_match
+from train_ato.log import mcap_records
 from train_ato.log.bag_layout import offered_qos
 from train_ato.log.foreign_bag import original
-from train_ato.log.mcap_records import (
-    HEAD,
-    Damage,
-    Definitions,
-    RawMessage,
-    chunk_content,
-    readable,
-    records,
-    stream,
-    summary_of,
-)
 from train_ato.log.reading import log_file
 
 DISORDER_NS = 1_000_000_000
@@ -92,12 +82,14 @@ class ReplayLog:
             raise
 
     def _open(self) -> None:
-        self._known, self._chunks = Definitions(), []
+        self._known, self._chunks = mcap_records.Definitions(), []
         self._counts: Mapping[int, int] = {}
-        with readable(self.path):
+        with mcap_records.readable(self.path):
             self._size = self.path.stat().st_size
-            deque(records(self._file, self._size), maxlen=0)  # every checksum: a replay must not end half-way
-            summary = summary_of(self._file, self._size)
+            deque(
+                mcap_records.records(self._file, self._size), maxlen=0
+            )  # every checksum: a replay must not end half-way
+            summary = mcap_records.summary_of(self._file, self._size)
         statistics = None if summary is None else summary.statistics
         if summary and statistics and statistics.chunk_count == len(summary.chunks):  # the index is complete
             self._known, self._chunks = summary.known, summary.chunks
@@ -139,13 +131,13 @@ class ReplayLog:
         counts: dict[str, int] = {}
         kinds: dict[str, tuple[Channel, str]] = {}
         if self._chunks:
-            with readable(self.path):
+            with mcap_records.readable(self.path):
                 for number, count in self._counts.items():
                     channel, schema = self._known.kind(number)
                     kinds.setdefault(channel.topic, (channel, schema.name))
                     counts[channel.topic] = counts.get(channel.topic, 0) + count
         else:
-            for message in stream(self.path):
+            for message in mcap_records.stream(self.path):
                 topic = message.channel.topic
                 kinds.setdefault(topic, (message.channel, message.schema.name))
                 counts[topic] = counts.get(topic, 0) + 1
@@ -155,7 +147,7 @@ class ReplayLog:
         if self._chunks:
             last = range(max(0, len(self._chunks) - 2), len(self._chunks))
             return self._span(0)[0], max(self._span(place)[1] for place in last)
-        times = [message.publish_ns for message in stream(self.path)]
+        times = [message.publish_ns for message in mcap_records.stream(self.path)]
         return (min(times), max(times)) if times else (0, 0)
 
     def _span(self, place: int) -> tuple[int, int]:
@@ -165,15 +157,15 @@ class ReplayLog:
             self._spans[place] = (min(times), max(times)) if times else (0, 0)
         return self._spans[place]
 
-    def _messages_in(self, place: int) -> Iterator[RawMessage]:
+    def _messages_in(self, place: int) -> Iterator[mcap_records.RawMessage]:
         """Read the messages of a chunk in their order, after a check of its checksum."""
-        with readable(self.path):
+        with mcap_records.readable(self.path):
             self._file.seek(self._chunks[place].chunk_start_offset)
-            head = self._file.read(HEAD.size)
-            code, length = HEAD.unpack(head) if len(head) == HEAD.size else (None, 0)
+            head = self._file.read(mcap_records.HEAD.size)
+            code, length = mcap_records.HEAD.unpack(head) if len(head) == mcap_records.HEAD.size else (None, 0)
             if code != Opcode.CHUNK or length > self._size:
-                raise Damage("no chunk at the position in the index")
-            yield from self._known.messages(chunk_content(self._file.read(length)))
+                raise mcap_records.Damage("no chunk at the position in the index")
+            yield from self._known.messages(mcap_records.chunk_content(self._file.read(length)))
 
     def _chunk_of(self, moment_ns: int) -> int:
         """Return the first chunk to read for the messages from a time on."""
@@ -189,7 +181,7 @@ class ReplayLog:
             if not chunk.message_index_offsets or numbers & chunk.message_index_offsets.keys():
                 yield place
 
-    def messages(self, topics: Collection[str], from_ns: int) -> Iterator[RawMessage]:
+    def messages(self, topics: Collection[str], from_ns: int) -> Iterator[mcap_records.RawMessage]:
         """Read the messages of the topics from a publish time on, in the order of the log.
 
         Raises
@@ -201,16 +193,16 @@ class ReplayLog:
             if message.channel.topic in topics and message.publish_ns >= from_ns:
                 yield message
 
-    def _from(self, topics: Collection[str], from_ns: int) -> Iterator[RawMessage]:
+    def _from(self, topics: Collection[str], from_ns: int) -> Iterator[mcap_records.RawMessage]:
         if not self._chunks:
-            yield from stream(self.path)
+            yield from mcap_records.stream(self.path)
             return
         first = self._chunk_of(from_ns)
         for place in self._holding(topics):
             if place >= first:
                 yield from self._messages_in(place)
 
-    def standing(self, depths: Mapping[str, int], until_ns: int) -> list[RawMessage]:
+    def standing(self, depths: Mapping[str, int], until_ns: int) -> list[mcap_records.RawMessage]:
         """Return the latched messages in force at a time, in the order of the log.
 
         Parameters
@@ -220,18 +212,18 @@ class ReplayLog:
         until_ns
             Last publish time, included.
         """
-        kept = {name: deque[tuple[int, RawMessage]](maxlen=depth) for name, depth in depths.items()}
+        kept = {name: deque[tuple[int, mcap_records.RawMessage]](maxlen=depth) for name, depth in depths.items()}
         for number, message in enumerate(self._until(depths, until_ns)):
             name = message.channel.topic
             if name in kept and message.publish_ns <= until_ns:
                 kept[name].append((number, message))
         return [message for _, message in sorted((e for es in kept.values() for e in es), key=lambda entry: entry[0])]
 
-    def _until(self, topics: Collection[str], until_ns: int) -> Iterator[RawMessage]:
+    def _until(self, topics: Collection[str], until_ns: int) -> Iterator[mcap_records.RawMessage]:
         if not topics:
             return
         if not self._chunks:
-            yield from stream(self.path)
+            yield from mcap_records.stream(self.path)
             return
         for place in self._holding(topics):
             if self._span(place)[0] > until_ns + DISORDER_NS:
