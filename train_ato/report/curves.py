@@ -10,21 +10,8 @@ from numpy.typing import NDArray
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.units import KMH
 from train_ato.control.train_model import TrainModel
+from train_ato.judge import recording as rec
 from train_ato.judge.metrics import limit_over_train
-from train_ato.judge.recording import (
-    BRAKE_PIPE,
-    BRAKE_PIPE_COMMAND,
-    BRAKE_PIPE_TAIL,
-    BRAKE_SHOES,
-    COMMAND,
-    DISTURBANCE,
-    ESTIMATE,
-    MEASUREMENT,
-    REFERENCE,
-    SUPERVISED_SPEEDS,
-    TRUTH,
-    Recording,
-)
 from train_ato.judge.series import aligned
 from train_ato.loop.engine import SIGNALS
 from train_ato.messages.delay_lines import LinkSpec
@@ -128,7 +115,7 @@ def _refined(errors: Array, best: NDArray[np.intp]) -> Array:
     return np.where(best == inner, inner + np.clip(offset, -0.5, 0.5), best)
 
 
-def set_lag(recording: Recording, plant: PlantSetup, time: Array, units: int) -> Array:
+def set_lag(recording: rec.Recording, plant: PlantSetup, time: Array, units: int) -> Array:
     """Return the lag of the actuators with its jumps at every stamp [s], mean over the power units, shape (k,)."""
     lag = np.array(np.broadcast_to(np.asarray(plant.lag), (time.size, units)), dtype=np.float64)
     motion = recording.motion
@@ -174,7 +161,7 @@ def set_delay(
     return np.asarray(delay + lag)
 
 
-def assumed_delay(recording: Recording) -> tuple[Array, Array] | None:
+def assumed_delay(recording: rec.Recording) -> tuple[Array, Array] | None:
     """Return time and delay plus lag assumed by the law [s], from its diagnostics, mean over the power units."""
     controller = recording.diagnostics.get("controller")
     if controller is None:
@@ -189,7 +176,7 @@ def assumed_delay(recording: Recording) -> tuple[Array, Array] | None:
     return (np.array(times), np.array(values)) if times else None
 
 
-def _without_saturation(recording: Recording, middle: Array, delay: Array) -> tuple[Array, Array]:
+def _without_saturation(recording: rec.Recording, middle: Array, delay: Array) -> tuple[Array, Array]:
     """Remove the windows with saturation: there the force follows its limit without delay, not the demand."""
     total = recording.reported("plant", "saturated")
     if total is None or middle.size < 2:
@@ -199,7 +186,7 @@ def _without_saturation(recording: Recording, middle: Array, delay: Array) -> tu
     return middle, np.where(saturated > MAX_SATURATED * 2 * half, np.nan, delay)
 
 
-def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dict[str, Array]:
+def delays(recording: rec.Recording, jumps: list[tuple[float, float, float]]) -> dict[str, Array]:
     """Return the available delays at the stamps of the commands [s].
 
     Parameters
@@ -209,7 +196,7 @@ def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dic
     jumps
         Interventions in the delay of the link: time [s], factor, addition [s].
     """
-    command, applied = recording.of(COMMAND, "force"), recording.of(MEASUREMENT, "applied")
+    command, applied = recording.of(rec.COMMAND, "force"), recording.of(rec.MEASUREMENT, "applied")
     if command is None or applied is None or command[1].shape[1] == 0:
         return {}
     time, demand = command
@@ -263,14 +250,14 @@ class Curves:
     columns: dict[str, Array]
 
 
-def speed_curves(recording: Recording) -> Curves:
+def speed_curves(recording: rec.Recording) -> Curves:
     """Return speed of vehicle 0, its profile, its limit and the supervision limits [km/h], and its position [km]."""
     motion = recording.motion
     if motion is None:
         raise NotAvailable("the log has neither train/vehicles nor train/measurement")
     now = motion["velocity"][:, 0]
     columns = {"measured_speed" if recording.measured_only else "speed": KMH * now}
-    if (reference := recording.of(REFERENCE, "velocity")) is not None:
+    if (reference := recording.of(rec.REFERENCE, "velocity")) is not None:
         columns["profile"] = KMH * aligned(motion.time, *reference)[:, 0]
     if "position" in motion:
         position = motion["position"][:, 0]
@@ -280,9 +267,9 @@ def speed_curves(recording: Recording) -> Curves:
     return Curves(motion.time, {**columns, **_supervision_limits(recording, motion.time)})
 
 
-def _supervision_limits(recording: Recording, time: Array) -> dict[str, Array]:
+def _supervision_limits(recording: rec.Recording, time: Array) -> dict[str, Array]:
     """Return the limits of the supervisor [km/h] at these times; {} without a supervisor."""
-    found = recording.of(SUPERVISED_SPEEDS, "speed")
+    found = recording.of(rec.SUPERVISED_SPEEDS, "speed")
     names = FIXED_NAMES[Owner.SUPERVISED_SPEED]
     if found is None or found[1].shape[1] != len(names):
         return {}
@@ -290,7 +277,7 @@ def _supervision_limits(recording: Recording, time: Array) -> dict[str, Array]:
     return {f"{name}_speed": values[:, place] for place, name in enumerate(names) if f"{name}_speed" in QUANTITIES}
 
 
-def whole_train_limit(recording: Recording, position: Array) -> Array | None:
+def whole_train_limit(recording: rec.Recording, position: Array) -> Array | None:
     """Return the lowest limit under the train [km/h] for positions of vehicle 0; None without limits."""
     setup = recording.setup
     if setup is not None and setup.line.speed_limits:
@@ -304,16 +291,16 @@ def whole_train_limit(recording: Recording, position: Array) -> Array | None:
     return np.where(step >= 0, KMH * speeds[np.maximum(step, 0)], np.nan)
 
 
-def _of_units(recording: Recording, name: str) -> tuple[Array, Array]:
+def _of_units(recording: rec.Recording, name: str) -> tuple[Array, Array]:
     """Return time and truth, or else measurement, of every power unit, shapes (k,) and (k, u)."""
-    for found in (recording.of(TRUTH, f"unit_{name}"), recording.of(MEASUREMENT, name)):
+    for found in (recording.of(rec.TRUTH, f"unit_{name}"), recording.of(rec.MEASUREMENT, name)):
         if found is not None and found[1].shape[1]:
             return found
     raise NotAvailable(f"the log has no {name} of a power unit")
 
 
-def _reference(recording: Recording, name: str, time: Array) -> Array:
-    reference = recording.of(REFERENCE, name)
+def _reference(recording: rec.Recording, name: str, time: Array) -> Array:
+    reference = recording.of(rec.REFERENCE, name)
     if reference is None:
         raise NotAvailable("the log has no ato/reference")
     if not recording.recorded("reference"):
@@ -328,13 +315,13 @@ def _per_unit(name: str, values: Array) -> dict[str, Array]:
     return {f"{name}:{unit}": values[:, unit] for unit in range(min(values.shape[1], MAX_UNITS))}
 
 
-def speed_error_curves(recording: Recording) -> Curves:
+def speed_error_curves(recording: rec.Recording) -> Curves:
     """Return speed minus reference at the same stamp [km/h] of every power unit."""
     time, values = _of_units(recording, "velocity")
     return Curves(time, _per_unit("speed_error", KMH * (values - _reference(recording, "velocity", time))))
 
 
-def position_error_curves(recording: Recording) -> Curves:
+def position_error_curves(recording: rec.Recording) -> Curves:
     """Return position minus reference [m] of every power unit, corrected by its offset in the train."""
     time, values = _of_units(recording, "position")
     offsets = recording.setup.model.offsets if recording.setup is not None else 0.0
@@ -342,9 +329,9 @@ def position_error_curves(recording: Recording) -> Curves:
     return Curves(time, _per_unit("position_error", np.asarray(errors)))
 
 
-def force_curves(recording: Recording) -> Curves:
+def force_curves(recording: rec.Recording) -> Curves:
     """Return command, applied force and nominal envelope, sums of all power units [kN]."""
-    command, applied = recording.of(COMMAND, "force"), recording.of(MEASUREMENT, "applied")
+    command, applied = recording.of(rec.COMMAND, "force"), recording.of(rec.MEASUREMENT, "applied")
     if applied is None and command is None:
         raise NotAvailable("the log has neither ato/command nor train/measurement")
     if applied is not None and not recording.recorded("command"):
@@ -361,7 +348,7 @@ def force_curves(recording: Recording) -> Curves:
     return Curves(time, columns)
 
 
-def _envelope(recording: Recording, time: Array, largest: float) -> dict[str, Array]:
+def _envelope(recording: rec.Recording, time: Array, largest: float) -> dict[str, Array]:
     setup, motion = recording.setup, recording.motion
     if setup is None or motion is None or setup.plant.ideal_actuator:
         return {}
@@ -380,9 +367,9 @@ def envelope(model: TrainModel, speed: Array) -> tuple[Array, Array]:
     return np.interp(size, grid, low), np.interp(size, grid, high)
 
 
-def unit_force_curves(recording: Recording) -> Curves:
+def unit_force_curves(recording: rec.Recording) -> Curves:
     """Return the applied force of every power unit [kN]."""
-    applied = recording.of(MEASUREMENT, "applied")
+    applied = recording.of(rec.MEASUREMENT, "applied")
     if applied is None or applied[1].shape[1] < 2:
         raise NotAvailable(
             "the train has a single power unit" if applied is not None else "the log has no train/measurement"
@@ -390,9 +377,9 @@ def unit_force_curves(recording: Recording) -> Curves:
     return Curves(applied[0], _per_unit("applied", applied[1] / KILO))
 
 
-def coupler_curves(recording: Recording) -> Curves:
+def coupler_curves(recording: rec.Recording) -> Curves:
     """Return largest draft and buff along the train and three couplers [kN]."""
-    truth = recording.topics.get(TRUTH)
+    truth = recording.topics.get(rec.TRUTH)
     if truth is None:
         raise NotAvailable("the log has no train/vehicles")
     if "coupler_draft_max" not in truth:
@@ -407,9 +394,9 @@ def coupler_curves(recording: Recording) -> Curves:
     return Curves(truth.time, columns)
 
 
-def disturbance_curves(recording: Recording) -> Curves:
+def disturbance_curves(recording: rec.Recording) -> Curves:
     """Return estimate and truth of the disturbance [kN]."""
-    estimate, truth = recording.of(ESTIMATE, "force"), recording.topics.get(DISTURBANCE)
+    estimate, truth = recording.of(rec.ESTIMATE, "force"), recording.topics.get(rec.DISTURBANCE)
     estimated = estimate is not None and bool(np.any(estimate[1]))
     if truth is None and not estimated:
         raise NotAvailable("the scenario has no disturbance and no observer estimated one")
@@ -425,20 +412,20 @@ def disturbance_curves(recording: Recording) -> Curves:
     return Curves(time, columns)
 
 
-def delay_curves(recording: Recording) -> Curves:
+def delay_curves(recording: rec.Recording) -> Curves:
     """Return the delay from command to effect [s]: identified from the log, set in the scenario, assumed by the law."""
     if not recording.recorded("command"):
         raise NotAvailable("the command was not measured")
     columns = delays(recording, delay_jumps(recording))
     if not columns:
         raise NotAvailable("the log has no commands or no applied forces")
-    return Curves(recording.topics[COMMAND].time, columns)
+    return Curves(recording.topics[rec.COMMAND].time, columns)
 
 
-def pipe_curves(recording: Recording) -> Curves:
+def pipe_curves(recording: rec.Recording) -> Curves:
     """Return demand and actual value of the brake-pipe pressure at the head, and the value at the tail [kPa]."""
-    demand, head = recording.of(BRAKE_PIPE_COMMAND, "pressure"), recording.of(BRAKE_PIPE, "pressure")
-    tail = recording.of(BRAKE_PIPE_TAIL, "pressure")
+    demand, head = recording.of(rec.BRAKE_PIPE_COMMAND, "pressure"), recording.of(rec.BRAKE_PIPE, "pressure")
+    tail = recording.of(rec.BRAKE_PIPE_TAIL, "pressure")
     if demand is None and head is None:
         raise NotAvailable(recording.without_brake)
     time = (head or demand or (np.empty(0), np.empty(0)))[0]
@@ -452,9 +439,9 @@ def pipe_curves(recording: Recording) -> Curves:
     return Curves(time, columns)
 
 
-def shoe_curves(recording: Recording) -> Curves:
+def shoe_curves(recording: rec.Recording) -> Curves:
     """Return the shoe force of the whole train [kN]."""
-    found = recording.of(BRAKE_SHOES, "total")
+    found = recording.of(rec.BRAKE_SHOES, "total")
     if found is None:
         raise NotAvailable(recording.without_brake)
     if not np.any(found[1]):
@@ -462,7 +449,7 @@ def shoe_curves(recording: Recording) -> Curves:
     return Curves(found[0], {"shoe_force": found[1][:, 0] / KILO})
 
 
-def energy_curves(recording: Recording) -> Curves:
+def energy_curves(recording: rec.Recording) -> Curves:
     """Return the work done on the train since the start [kWh]; the sum of all parts is the kinetic energy."""
     plant = recording.diagnostics.get("plant")
     if plant is not None:
@@ -473,7 +460,7 @@ def energy_curves(recording: Recording) -> Curves:
         }
         if columns:
             return Curves(plant.time, columns)
-    applied, moved = recording.of(MEASUREMENT, "applied"), recording.of(MEASUREMENT, "velocity")
+    applied, moved = recording.of(rec.MEASUREMENT, "applied"), recording.of(rec.MEASUREMENT, "velocity")
     if applied is None or moved is None or applied[1].shape[1] != moved[1].shape[1] or applied[0].size < 2:
         raise NotAvailable("the log has neither the plant's diagnostics nor forces and speeds of the units")
     power = (applied[1] * moved[1]).sum(axis=1)
@@ -482,7 +469,7 @@ def energy_curves(recording: Recording) -> Curves:
     return Curves(applied[0], {name: np.cumsum(values * steps) / KWH for name, values in work.items()})
 
 
-def signal_curves(recording: Recording) -> Curves:
+def signal_curves(recording: rec.Recording) -> Curves:
     """Return the own numbers of ``on_tick`` or of the caller of :class:`train_ato.Env` by name."""
     series = recording.diagnostics.get(SIGNALS)
     columns = {} if series is None else {
@@ -493,7 +480,7 @@ def signal_curves(recording: Recording) -> Curves:
     return Curves(series.time, columns)
 
 
-CURVES: dict[str, Callable[[Recording], Curves]] = {
+CURVES: dict[str, Callable[[rec.Recording], Curves]] = {
     "speed": speed_curves, "speed_error": speed_error_curves, "position_error": position_error_curves,
     "forces": force_curves, "unit_forces": unit_force_curves, "coupler_extremes": coupler_curves,
     "disturbance": disturbance_curves, "delay": delay_curves, "pipe": pipe_curves, "shoe_force": shoe_curves,
@@ -509,7 +496,7 @@ def shown_curves(lines: Curves) -> Curves:
 
 
 def curves_of(
-    recording: Recording,
+    recording: rec.Recording,
     names: Sequence[str] = tuple(CURVES),
     reduced: Callable[[Curves], Curves] = lambda lines: lines,
 ) -> tuple[dict[str, Curves], dict[str, str]]:

@@ -9,20 +9,9 @@ from bokeh.models import ColumnDataSource, CustomJS, Span
 
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
+from train_ato.report import page_data
 from train_ato.report.curves import Curves, shown_curves
 from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
-from train_ato.report.page_data import (
-    CELLS,
-    PageData,
-    common_events,
-    downsampled,
-    largest_magnitude,
-    motion_differences,
-    page_tables,
-    run_colours,
-    run_dash,
-    share_of,
-)
 from train_ato.report.panels import (
     Table,
     distance_figure,
@@ -110,7 +99,7 @@ FigureTable = Mapping[tuple[str, str], tuple[FigureSpec, ...]]
 
 def _read_figures(kind: str) -> FigureTable:
     """Return a table of figures."""
-    rows = page_tables()[kind]
+    rows = page_data.page_tables()[kind]
     return {(row["anchor"], row["title"]): tuple(FigureSpec(**figure) for figure in row["figures"]) for row in rows}
 
 
@@ -147,7 +136,7 @@ READINGS: dict[str, tuple[str, str, str, int]] = {
 """Figure, label, unit and digits of the columns in the bar with the values at the cursor."""
 
 
-def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
+def run_sections(data: page_data.PageData) -> tuple[list[PageSection], Linked]:
     """Return the figures of a run and their shared axes; figures without data are omitted."""
     linked = Linked(*data.span, data.events)
     sources = {name: source_of(lines.time, lines.columns) for name, lines in data.curves.items()}
@@ -167,7 +156,7 @@ def _filled(figures: FigureTable, draw: Callable[[FigureSpec], list[Placed]]) ->
     return [PageSection(*key, placed) for key, placed in drawn.items() if placed]
 
 
-def _left_out(spec: FigureSpec, pages: Sequence[PageData]) -> str:
+def _left_out(spec: FigureSpec, pages: Sequence[page_data.PageData]) -> str:
     """Return the sentences of a caption on the part of the runs that the error metrics leave out."""
     notes = {data.evaluation for data in pages if data.evaluation} if spec.name in ERRORS else set()
     return "".join(f" The {note}." for note in sorted(notes))
@@ -192,7 +181,9 @@ def _speed_sections(linked: Linked, sources: dict[str, ColumnDataSource]) -> lis
     return sections
 
 
-def _figure(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource], spec: FigureSpec) -> list[Placed]:
+def _figure(
+    linked: Linked, data: page_data.PageData, sources: dict[str, ColumnDataSource], spec: FigureSpec
+) -> list[Placed]:
     """Return a figure of one run; none without data."""
     name = spec.name
     if name in data.maps:
@@ -205,7 +196,7 @@ def _figure(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource]
     return [Placed(figure, spec.heading, spec.caption + _left_out(spec, [data]))]
 
 
-def _over_distance(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource]) -> list[PageSection]:
+def _over_distance(linked: Linked, data: page_data.PageData, sources: dict[str, ColumnDataSource]) -> list[PageSection]:
     speed = sources.get("speed")
     if speed is None or "position_km" not in speed.data:
         return []
@@ -220,7 +211,7 @@ def _line_section(
     linked: Linked,
     tables: Sequence[Table],
     places: Sequence[Array],
-    data: PageData,
+    data: page_data.PageData,
     *,
     profiles: Sequence[tuple[Array, Array]],
     captions: tuple[str, str],
@@ -242,16 +233,16 @@ def _readings(sources: dict[str, ColumnDataSource]) -> list[Reading]:
     ]
 
 
-ColouredRun = tuple[PageData, str]
+ColouredRun = tuple[page_data.PageData, str]
 """Run with its colour."""
 
 
-def comparison_sections(pages: Sequence[PageData]) -> tuple[list[PageSection], Linked]:
+def comparison_sections(pages: Sequence[page_data.PageData]) -> tuple[list[PageSection], Linked]:
     """Return the figures of several runs and their shared axes; figures without data are omitted."""
     drawn = [data for data in pages if data.curves]
     begin = min((data.span[0] for data in drawn), default=0.0)
-    linked = Linked(begin, max((data.span[1] for data in drawn), default=1.0), common_events(drawn))
-    colours = run_colours(len(pages))
+    linked = Linked(begin, max((data.span[1] for data in drawn), default=1.0), page_data.common_events(drawn))
+    colours = page_data.run_colours(len(pages))
     runs = [(data, colours[index]) for index, data in enumerate(pages) if data.curves]
     hero = _overlaid(linked, runs, replace(HERO, caption="Front vehicle.", column="speed"))
     sections = [PageSection("verdict", "Verdict", hero)] if hero else []
@@ -274,7 +265,9 @@ def _caption(spec: FigureSpec, runs: Sequence[ColouredRun]) -> str:
 
 def _look(column: str, words: str, colour: str, index: int) -> list[Trace]:
     """Return the line of a run by its number."""
-    return [Trace(column, replace(style_of(column), words=words, colour=colour, width=1.3, dash=run_dash(index)))]
+    return [
+        Trace(column, replace(style_of(column), words=words, colour=colour, width=1.3, dash=page_data.run_dash(index)))
+    ]
 
 
 def _overlaid(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> list[Placed]:
@@ -282,7 +275,7 @@ def _overlaid(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> 
     tables: list[Table] = []
     for index, (data, colour) in enumerate(runs):
         lines = data.curves.get(spec.name)
-        values = _driven_speed(lines) if spec.column == "speed" else largest_magnitude(lines, spec.column)
+        values = _driven_speed(lines) if spec.column == "speed" else page_data.largest_magnitude(lines, spec.column)
         if lines is None or values is None:
             continue
         if spec.column == "speed" and not tables and "profile" in lines.columns:
@@ -295,8 +288,8 @@ def _overlaid(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> 
 
 def _driven_speed(lines: Curves | None) -> Array | None:
     """Return the true speed, else the measured one."""
-    speed = largest_magnitude(lines, "speed")
-    return largest_magnitude(lines, "measured_speed") if speed is None else speed
+    speed = page_data.largest_magnitude(lines, "speed")
+    return page_data.largest_magnitude(lines, "measured_speed") if speed is None else speed
 
 
 def _maps(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> list[Placed]:
@@ -340,15 +333,15 @@ DIFFERENCES: tuple[tuple[str, str, str, str], ...] = (
 
 def _difference_section(linked: Linked, runs: Sequence[ColouredRun]) -> list[PageSection]:
     """Return the figures of the difference from the first run."""
-    found = motion_differences([data for data, _ in runs])
+    found = page_data.motion_differences([data for data, _ in runs])
     if not found:
         return []
-    cells = round(share_of(len(runs)) * CELLS)
+    cells = round(page_data.share_of(len(runs)) * page_data.CELLS)
     km = display_unit("km")[1] / 1e3
     reduced = {
         label: {
-            "time": downsampled(shown_curves(Curves(one.time, one.over_time)), cells),
-            "place": downsampled(shown_curves(Curves(km * one.place, one.over_place)), cells),
+            "time": page_data.downsampled(shown_curves(Curves(one.time, one.over_time)), cells),
+            "place": page_data.downsampled(shown_curves(Curves(km * one.place, one.over_place)), cells),
         }
         for label, one in found.items()
     }

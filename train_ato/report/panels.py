@@ -23,28 +23,12 @@ from bokeh.models import (
 
 from train_ato.messages.types import Array
 from train_ato.program.display_units import shown_name
+from train_ato.report import quantities as q
 from train_ato.report.events import Event
 from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
 from train_ato.report.page_data import MAX_CODE, HeatMap, TrackShape
-from train_ato.report.quantities import (
-    FILLED,
-    FONT,
-    GREY,
-    INK,
-    KINDS,
-    NOTHING,
-    PURPLE,
-    QUANTITIES,
-    Heat,
-    Trace,
-    axis_range,
-    axis_title,
-    buff_to_draft,
-    none_to_full,
-    style_of,
-)
 
-Table = tuple[ColumnDataSource, Sequence[Trace]]
+Table = tuple[ColumnDataSource, Sequence[q.Trace]]
 """Table with a horizontal column and the lines of a figure."""
 
 
@@ -97,7 +81,7 @@ def line_figure(
 
 def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[str, Array, Any]], items: list[Any]) -> None:
     """Set the begin of the axis and the lines that it follows; a bound outside of the frame has its value as label."""
-    found = axis_range(axis, [(column, values) for column, values, _ in lines])
+    found = q.axis_range(axis, [(column, values) for column, values, _ in lines])
     if found.from_zero:
         plot.y_range.start = 0.0
     if not found.far:
@@ -110,9 +94,9 @@ def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[str, Array, Any]],
             item.label = {"value": f"{item.label.value}{remark}"}
 
 
-def _line(plot: Figure, source: ColumnDataSource, trace: Trace, over: str) -> Any:
+def _line(plot: Figure, source: ColumnDataSource, trace: q.Trace, over: str) -> Any:
     look = trace.look
-    if trace.column in FILLED and look == style_of(trace.column):
+    if trace.column in q.FILLED and look == q.style_of(trace.column):
         plot.varea(x=over, y1=0, y2=trace.column, source=source, fill_color=look.colour, fill_alpha=0.22)
     return plot.line(
         x=over, y=trace.column, source=source, line_color=look.colour, line_width=look.width, line_dash=look.dash,
@@ -125,7 +109,7 @@ def _band(plot: Figure, source: ColumnDataSource) -> list[LegendItem]:
     if "envelope_high" not in source.data:
         return []
     band = plot.varea(
-        x="time", y1="envelope_low", y2="envelope_high", source=source, fill_color=GREY, fill_alpha=0.16,
+        x="time", y1="envelope_low", y2="envelope_high", source=source, fill_color=q.GREY, fill_alpha=0.16,
         level="underlay",
     )  # fmt: skip
     return [LegendItem(label="envelope (nominal)", renderers=[band])]
@@ -143,11 +127,11 @@ def distance_figure(
     plot = linked.over_distance(axis, height)
     items: list[Any] = []
     if limits is not None:
-        look = QUANTITIES["line_limit"]
+        look = q.QUANTITIES["line_limit"]
         drawn = plot.line(*limits, line_color=look.colour, line_dash=look.dash, line_width=look.width)
         items.append(LegendItem(label=look.words, renderers=[drawn]))
     for index, (place, speed) in enumerate(profiles):
-        look = QUANTITIES["profile" if index == 0 else "replanned"]
+        look = q.QUANTITIES["profile" if index == 0 else "replanned"]
         drawn = plot.line(
             np.asarray(place, np.float32), np.asarray(speed, np.float32), line_color=look.colour,
             line_dash=look.dash, line_width=look.width, line_alpha=0.65,
@@ -168,10 +152,10 @@ def mark_stations(plot: Figure, stations: Sequence[tuple[float, str]]) -> Figure
     """Mark the stations of the line in a figure over distance, with their names; return the figure."""
     for place, name in stations:
         inside = place > stations[0][0] and place == stations[-1][0]  # left of the line that ends the figure
-        plot.add_layout(Span(location=place, dimension="height", line_color=INK, line_dash="dotted", line_width=1))
+        plot.add_layout(Span(location=place, dimension="height", line_color=q.INK, line_dash="dotted", line_width=1))
         label = Label(
             x=place, y=4, y_units="screen", text=name, angle=90, angle_units="deg", x_offset=-2 if inside else 12,
-            text_font=FONT, text_font_size="11px", text_color=INK,
+            text_font=q.FONT, text_font_size="11px", text_color=q.INK,
         )  # fmt: skip
         plot.add_layout(label)
     return plot
@@ -210,7 +194,7 @@ MAP_ROW = 2.6
 MAP_LEAST, MAP_MOST = 150, 340
 
 
-def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | None = None) -> Figure:
+def heat_figure(linked: Linked, picture: HeatMap, heat: q.Heat, largest: float | None = None) -> Figure:
     """Return a picture of all vehicles over time, the front of the train on top.
 
     ``largest`` is the value of the strongest colour; default: the largest of this picture.
@@ -221,7 +205,7 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | N
     plot = linked.over_time(
         heat.rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
     )
-    colours = buff_to_draft() if heat.signed else none_to_full()
+    colours = q.buff_to_draft() if heat.signed else q.none_to_full()
     low = -MAX_CODE if heat.signed else 0
     image = plot.image(
         image=[picture.codes],
@@ -229,12 +213,12 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | N
         y=-0.5,
         dw=picture.end - picture.begin,
         dh=count,
-        color_mapper=LinearColorMapper(palette=colours, low=low, high=MAX_CODE, low_color=NOTHING),
+        color_mapper=LinearColorMapper(palette=colours, low=low, high=MAX_CODE, low_color=q.NOTHING),
         level="image",
     )
     scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)
     plot.add_layout(
-        _colour_bar(scale, axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")), "above"
+        _colour_bar(scale, q.axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")), "above"
     )
     cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
     plot.add_tools(
@@ -260,12 +244,12 @@ def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
         color_mapper=mapper,
         orientation="horizontal",
         title=title,
-        title_text_font=FONT,
+        title_text_font=q.FONT,
         title_text_font_size="12px",
         title_text_font_style="normal",
-        title_text_color=INK,
+        title_text_color=q.INK,
         title_standoff=4,
-        major_label_text_font=FONT,
+        major_label_text_font=q.FONT,
         major_label_text_font_size="11px",
         height=10,
         width=250,  # fits a phone
@@ -278,7 +262,7 @@ def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
 
 def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
     """Return the events over time, one row per kind; hiding a kind hides its marks in all figures."""
-    kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
+    kinds = [kind for kind in q.KINDS if any(event.kind == kind for event in events)]
     y_range = Range1d(len(kinds) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 22 * len(kinds), marked=False, y_range=y_range)
     plot.yaxis.ticker = FixedTicker(ticks=[])
@@ -286,14 +270,14 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
     items = []
     for row, kind in enumerate(kinds):
         moments, stretches = linked.marks[kind]
-        colour = KINDS[kind].colour
+        colour = q.KINDS[kind].colour
         dots = plot.scatter(
             x="begin", y=row, source=moments, marker="inverted_triangle", size=11, color=colour, line_color=None
         )
         bars = plot.hbar(y=row, left="begin", right="end", height=0.5, source=stretches, color=colour, line_width=2)
         dots.js_on_change("visible", CustomJS(args={"marks": linked.marked[kind]}, code=_HIDE_MARKS))
         shown = [dots, bars] if moments.data["begin"] else [bars, dots]
-        items.append(LegendItem(label=KINDS[kind].words, renderers=shown))
+        items.append(LegendItem(label=q.KINDS[kind].words, renderers=shown))
         for renderer, tips in ((dots, [("at", "@begin{custom}")]), (bars, _FROM_TO)):
             _add_tips(plot, renderer, [("", "@text"), *tips], linked)
     add_page_legend(plot, items)
@@ -308,7 +292,7 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
     plot.yaxis.major_label_overrides = {row: _short(name) for row, (name, _) in enumerate(runs)}
     plot.ygrid.visible = False
     items = []
-    for kind, words in KINDS.items():
+    for kind, words in q.KINDS.items():
         rows = [(row, event) for row, (_, events) in enumerate(runs) for event in events if event.kind == kind]
         if not rows:
             continue
@@ -353,17 +337,17 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
         }
     )
     bars = plot.quad(
-        left="left", right="right", top="grade", bottom=0, source=steps, fill_color=GREY, fill_alpha=0.45,
-        line_color=INK, line_alpha=0.5,
+        left="left", right="right", top="grade", bottom=0, source=steps, fill_color=q.GREY, fill_alpha=0.45,
+        line_color=q.INK, line_alpha=0.5,
     )  # fmt: skip
     span = max(float(np.ptp(shape.height)), 1.0)
     plot.extra_y_ranges = {
         "height": Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
     }
-    side = LinearAxis(y_range_name="height", axis_label=axis_title("height in m"))
+    side = LinearAxis(y_range_name="height", axis_label=q.axis_title("height in m"))
     style_axis(side)
     plot.add_layout(side, "right")
-    look = QUANTITIES["height"]
+    look = q.QUANTITIES["height"]
     heights = plot.line(shape.place, shape.height, line_color=look.colour, line_width=1.8, y_range_name="height")
     items = [
         LegendItem(label="grade (left)", renderers=[bars]),
@@ -397,7 +381,9 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
     if shape.curves:
         begin, end, radius = (np.array(part) for part in zip(*shape.curves, strict=True))
         source = ColumnDataSource({"begin": begin, "end": end, "radius": radius})
-        strip = plot.quad(left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=PURPLE)
+        strip = plot.quad(
+            left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=q.PURPLE
+        )
         tips = [("curve", shown_name("@begin{0.000} … @end{0.000} km")), ("radius", shown_name("@radius{0} m"))]
         _add_tips(plot, strip, tips)
         items.append(LegendItem(label="curve", renderers=[strip]))
@@ -405,7 +391,7 @@ def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
         begin, end = (np.array(part) for part in zip(*shape.tunnels, strict=True))
         source = ColumnDataSource({"begin": begin, "end": end})
         strip = plot.quad(
-            left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=INK
+            left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=q.INK
         )
         _add_tips(plot, strip, [("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
         items.append(LegendItem(label="tunnel", renderers=[strip]))

@@ -28,6 +28,7 @@ from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
 from train_ato.program.errors import refused_unwritten
+from train_ato.report import quantities as q
 from train_ato.report.curves import Curves, curves_of, shown_curves
 from train_ato.report.events import Event, detect_events
 from train_ato.report.page_data import (
@@ -39,24 +40,6 @@ from train_ato.report.page_data import (
     motion_differences,
     run_colours,
     run_dash,
-)
-from train_ato.report.quantities import (
-    FAINT,
-    FILLED,
-    GREY,
-    HEAT,
-    INK,
-    KINDS,
-    PANELS,
-    PURPLE,
-    QUANTITIES,
-    VERMILION,
-    Heat,
-    axis_range,
-    axis_title,
-    buff_to_draft,
-    none_to_full,
-    traces_of,
 )
 from train_ato.report.words import MODES, driven_laws, evaluation_note
 from train_ato.scenario.setup import RunSetup
@@ -76,16 +59,16 @@ STYLE: dict[str, Any] = {
     "xtick.labelsize": 7.5,
     "ytick.labelsize": 7.5,
     "legend.fontsize": 7.5,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "text.color": INK,
+    "axes.edgecolor": q.INK,
+    "axes.labelcolor": q.INK,
+    "xtick.color": q.INK,
+    "ytick.color": q.INK,
+    "text.color": q.INK,
     "axes.linewidth": 0.6,
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
     "axes.grid": True,
-    "grid.color": FAINT,
+    "grid.color": q.FAINT,
     "grid.linewidth": 0.5,
     "axes.axisbelow": True,
     "svg.fonttype": "none",
@@ -181,10 +164,10 @@ def _columns(labels: Sequence[str]) -> int:
 
 def event_legend(figure: Figure, events: Sequence[Event]) -> None:
     """Add a legend of the event marks below the figure."""
-    kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
+    kinds = [kind for kind in q.KINDS if any(event.kind == kind for event in events)]
     if kinds:
-        key = [Patch(facecolor=KINDS[kind].colour, alpha=0.6, label=KINDS[kind].words) for kind in kinds]
-        columns = _columns([KINDS[kind].words for kind in kinds])
+        key = [Patch(facecolor=q.KINDS[kind].colour, alpha=0.6, label=q.KINDS[kind].words) for kind in kinds]
+        columns = _columns([q.KINDS[kind].words for kind in kinds])
         figure.legend(handles=key, loc="outside lower center", ncols=columns, **LEGEND)
 
 
@@ -219,9 +202,9 @@ def over_time(
         return None
     figure, axes = sheet(len(heights), heights)
     if heat is not None:
-        draw_map(figure, axes[0], heat[1], HEAT[heat[0]])
+        draw_map(figure, axes[0], heat[1], q.HEAT[heat[0]])
     for panel, name in zip(axes[len(axes) - len(present) :], present, strict=True):
-        draw_lines(panel, curves[name], PANELS[name][0], events)
+        draw_lines(panel, curves[name], q.PANELS[name][0], events)
         draw_criterion_limits(panel, name, summary)
         add_print_legend(panel)
     clock_axis(axes[-1], end)
@@ -253,12 +236,12 @@ def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (
         mark_events(axes, events)
     if "envelope_high" in lines.columns:
         low, high = lines.columns["envelope_low"], lines.columns["envelope_high"]
-        axes.fill_between(x, low, high, color=GREY, alpha=0.16, lw=0, label="envelope (nominal)")
+        axes.fill_between(x, low, high, color=q.GREY, alpha=0.16, lw=0, label="envelope (nominal)")
     drawn = [(column, values) for column, values in lines.columns.items() if column != "position_km"]
-    found = axis_range(axis, drawn)
-    for trace in traces_of(lines.columns):
+    found = q.axis_range(axis, drawn)
+    for trace in q.traces_of(lines.columns):
         look, values = trace.look, lines.columns[trace.column]
-        if trace.column in FILLED:
+        if trace.column in q.FILLED:
             axes.fill_between(x, 0.0, values, color=look.colour, alpha=0.2, lw=0)
         dash, alpha = DASHES[look.dash], 0.65 if look.width > 2.5 else 1.0
         axes.plot(
@@ -270,7 +253,7 @@ def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (
             alpha=alpha,
             label=look.words + found.remark(trace.column),
         )
-    axes.set_ylabel(_wrapped(axis_title(axis)))
+    axes.set_ylabel(_wrapped(q.axis_title(axis)))
     axes.margins(x=0.01, y=0.08)
     margin = 0.08 * max(found.high - found.low, 1e-3)
     if found.far:
@@ -302,10 +285,10 @@ def draw_criterion_limits(axes: Axes, panel: str, summary: Mapping[str, Any]) ->
         known = label in axes.get_legend_handles_labels()[1]
         for value in (sign * limit for sign in signs):
             if low - NEAR_LIMIT * (high - low) <= value <= high + NEAR_LIMIT * (high - low):
-                axes.axhline(value, color=VERMILION, lw=0.9, ls=DASHES["dashed"], label="" if known else label)
+                axes.axhline(value, color=q.VERMILION, lw=0.9, ls=DASHES["dashed"], label="" if known else label)
                 label = ""
         if label:
-            axes.plot([], [], color=VERMILION, lw=0.9, ls=DASHES["dashed"], label=f"{label} (outside)")
+            axes.plot([], [], color=q.VERMILION, lw=0.9, ls=DASHES["dashed"], label=f"{label} (outside)")
         else:
             lines = axes.get_ylim()
             margin = 0.04 * (lines[1] - lines[0])
@@ -321,18 +304,18 @@ def _wrapped(title: str) -> str:
 def mark_events(axes: Axes, events: Sequence[Event]) -> None:
     """Mark events without duration by lines, others by tinted bands."""
     for event in events:
-        colour = KINDS[event.kind].colour
+        colour = q.KINDS[event.kind].colour
         if event.end is None:
             axes.axvline(event.begin, color=colour, lw=0.6, ls=DASHES["dashed"], alpha=0.9, zorder=0.8)
         else:
             axes.axvspan(event.begin, event.end, color=colour, alpha=0.15, lw=0, zorder=0.5)
 
 
-def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: Heat) -> None:
+def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: q.Heat) -> None:
     """Draw a picture of all vehicles over time, the front of the train on top."""
     count = picture.codes.shape[0]
     values = np.where(picture.codes == NO_CODE, np.nan, picture.codes * picture.unit)
-    colours = ListedColormap(buff_to_draft(255) if heat.signed else none_to_full(255))
+    colours = ListedColormap(q.buff_to_draft(255) if heat.signed else q.none_to_full(255))
     image = axes.imshow(
         values, aspect="auto", cmap=colours, vmin=-picture.largest if heat.signed else 0.0, vmax=picture.largest,
         extent=(picture.begin, picture.end, count - 0.5, -0.5), interpolation="nearest",
@@ -340,7 +323,7 @@ def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: Heat) -> None:
     axes.grid(visible=False)
     axes.set_ylabel(heat.rows)
     bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=22)
-    bar.set_label(axis_title(f"{heat.words} in kN{' (draft > 0)' if heat.signed else ''}"))
+    bar.set_label(q.axis_title(f"{heat.words} in kN{' (draft > 0)' if heat.signed else ''}"))
     bar.outline.set_linewidth(0.5)
 
 
@@ -348,18 +331,20 @@ def draw_track(axes: Axes, data: PageData) -> None:
     """Draw grade and curves over distance, and the height on a second axis."""
     shape = data.track
     assert shape is not None
-    axes.fill_between(shape.place, 0.0, shape.grade, step="post", color=GREY, alpha=0.5, lw=0, label="grade")
+    axes.fill_between(shape.place, 0.0, shape.grade, step="post", color=q.GREY, alpha=0.5, lw=0, label="grade")
     low = min(0.0, float(shape.grade.min()))
     band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
     for index, (begin, end, _) in enumerate(shape.curves):
-        axes.fill_between([begin, end], low - 2 * band, low - band, color=PURPLE, lw=0, label="" if index else "curve")
-    axes.set_ylabel(_wrapped(axis_title("grade")))
-    axes.set_xlabel(axis_title("distance"))
+        axes.fill_between(
+            [begin, end], low - 2 * band, low - band, color=q.PURPLE, lw=0, label="" if index else "curve"
+        )
+    axes.set_ylabel(_wrapped(q.axis_title("grade")))
+    axes.set_xlabel(q.axis_title("distance"))
     side = axes.twinx()
-    look = QUANTITIES["height"]
+    look = q.QUANTITIES["height"]
     (line,) = side.plot(shape.place, shape.height, color=look.colour, lw=1.0, label=f"{look.words} (right)")
     side.grid(visible=False)
-    side.set_ylabel(axis_title("height in m"))
+    side.set_ylabel(q.axis_title("height in m"))
     add_print_legend(axes, [line])
 
 
@@ -368,7 +353,7 @@ def draw_stations(axes: Axes, stations: Sequence[tuple[float, str]]) -> None:
     low, high = axes.get_xlim()
     for place, name in stations:
         last = place > high - 0.05 * (high - low)
-        axes.axvline(place, color=INK, lw=0.6, ls=DASHES["dotted"], zorder=0.8)
+        axes.axvline(place, color=q.INK, lw=0.6, ls=DASHES["dotted"], zorder=0.8)
         axes.annotate(
             name, (place, 0.02), xycoords=("data", "axes fraction"), xytext=(-2 if last else 2, 0),
             textcoords="offset points", rotation=90, ha="right" if last else "left", va="bottom", fontsize="x-small",
@@ -422,11 +407,11 @@ def _over_distance(data: PageData) -> Figure | None:
     figure, axes = sheet(1 if data.track is None else 2, None if data.track is None else [1.3, 0.9])
     panel = axes[0]
     for index, (place, speed) in enumerate(data.profiles):
-        look = QUANTITIES["profile" if index == 0 else "replanned"]
+        look = q.QUANTITIES["profile" if index == 0 else "replanned"]
         words = look.words if index < 2 else ""
         panel.plot(place, speed, color=look.colour, lw=0.62 * look.width, ls=DASHES[look.dash], alpha=0.65, label=words)
     if data.limits is not None:
-        look = QUANTITIES["line_limit"]
+        look = q.QUANTITIES["line_limit"]
         panel.plot(*data.limits, color=look.colour, lw=0.9, ls=DASHES[look.dash], label=look.words)
     driven: dict[str, Array] = {
         name: lines.columns[name] for name in ("speed", "measured_speed", "position_km") if name in lines.columns
@@ -434,7 +419,7 @@ def _over_distance(data: PageData) -> Figure | None:
     draw_lines(panel, Curves(lines.time, driven), "speed", over="position_km")
     draw_stations(panel, data.stations)
     add_print_legend(panel)
-    panel.set_xlabel(axis_title("distance"))
+    panel.set_xlabel(q.axis_title("distance"))
     if data.track is not None:
         panel.set_xlabel("")
         draw_track(axes[1], data)
@@ -513,7 +498,7 @@ def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
             if lines is None:
                 continue
             if name == "speed" and index == 0 and "profile" in lines.columns:
-                look = QUANTITIES["profile"]
+                look = q.QUANTITIES["profile"]
                 panel.plot(
                     lines.time, lines.columns["profile"], color=look.colour, lw=2.0, alpha=0.65, label=look.words
                 )
@@ -523,7 +508,7 @@ def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
                 if values is not None:
                     panel.plot(lines.time, values, color=colour, lw=0.8, ls=DASHES[run_dash(index)], label=label)
                     label = None
-        panel.set_ylabel(axis_title(PANELS[name][0]))
+        panel.set_ylabel(q.axis_title(q.PANELS[name][0]))
         panel.margins(x=0.01, y=0.08)
     add_print_legend(axes[0])
     clock_axis(axes[-1], max(data.span[1] for data, _ in runs))
@@ -541,7 +526,7 @@ def _draw_differences(
             lines = downsampled(shown_curves(Curves(found.time, {"speed": found.over_time["speed_kmh"]})), POINTS)
             panel.plot(lines.time, lines.columns["speed"], color=colour, lw=0.8, ls=DASHES[run_dash(index)])
     panel.axhline(0.0, color=runs[0][1], lw=0.8)
-    panel.set_ylabel(axis_title("speed_difference"))
+    panel.set_ylabel(q.axis_title("speed_difference"))
     panel.margins(x=0.01, y=0.08)
 
 

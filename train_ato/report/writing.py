@@ -13,16 +13,9 @@ from train_ato.log.whole_file import write_whole
 from train_ato.program.arguments import check_new_file
 from train_ato.program.display_units import display_unit
 from train_ato.program.version import VERSION
+from train_ato.report import summary_rows
 from train_ato.report.page_data import PageData, run_colours
 from train_ato.report.quantities import KINDS, PANELS
-from train_ato.report.summary_rows import (
-    best_text,
-    criterion_cells,
-    difference_text,
-    filled_groups,
-    run_groups,
-    verdict_texts,
-)
 from train_ato.report.words import COMPARISON, REPORT
 
 
@@ -97,14 +90,14 @@ def write_run(data: PageData, path: Path) -> int:
         warnings=[*warnings_of(data), *_protection_warning(summary)],
         runs=[("value", "")],
         facts=[(title, [text]) for title, text in data.facts.items()],
-        groups=run_groups(summary),
+        groups=summary_rows.run_groups(summary),
         events=[("List", event_rows(data))],
         left_out=[(PANELS[name][1], reason) for name, reason in data.left_out.items()],
         readings=linked.readings,
         hours=linked.hours,
         version=VERSION,
-        verdicts=verdict_texts([data]),
-        criteria=criterion_cells([data]),
+        verdicts=summary_rows.verdict_texts([data]),
+        criteria=summary_rows.criterion_cells([data]),
         stops=[("", stop_cells(data.summary))],
     )
     return write_atomically(render(page, sections), path)
@@ -168,15 +161,15 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
         warnings=[warning for data in pages for warning in warnings_of(data, f"{data.label}: ")],
         runs=list(zip([data.label for data in pages], run_colours(len(pages)), strict=True)),
         facts=_facts_side_by_side(pages),
-        groups=filled_groups(summaries),
+        groups=summary_rows.filled_groups(summaries),
         events=[(data.label, event_rows(data)) for data in pages if data.events],
         left_out=_missing_in_all(pages),
         readings=linked.readings,
         hours=linked.hours,
         version=VERSION,
-        verdicts=verdict_texts(pages),
-        criteria=criterion_cells(pages),
-        best=best_text(pages),
+        verdicts=summary_rows.verdict_texts(pages),
+        criteria=summary_rows.criterion_cells(pages),
+        best=summary_rows.best_text(pages),
         marks=_marks(summaries),
         stops=[(data.label, stop_cells(data.summary)) for data in pages],
         differences=[(label, one.line, difference_cells(one)) for label, one in motion_differences(drawn).items()],
@@ -195,11 +188,13 @@ def comparison_title(pages: list[PageData]) -> str:
 def _marks(summaries: list[dict[str, Any]]) -> dict[str, list[tuple[bool, str]]]:
     """Return per metric and run: True for the best value, and the difference from it as text."""
     marks = {}
-    for _, rows in filled_groups(summaries):
+    for _, rows in summary_rows.filled_groups(summaries):
         for row, _ in rows:
             found = [difference_from_best(row.key, summary, summaries) for summary in summaries]
             if any(difference is not None for difference in found):
-                marks[row.key] = [(difference == 0.0, difference_text(row, difference)) for difference in found]
+                marks[row.key] = [
+                    (difference == 0.0, summary_rows.difference_text(row, difference)) for difference in found
+                ]
     return marks
 
 
