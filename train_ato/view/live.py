@@ -13,16 +13,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.control.contract import LawPlan
-from train_ato.judge.recording import (
-    BRAKE_PIPE,
-    BRAKE_SHOES,
-    COMMAND,
-    MEASUREMENT,
-    REFERENCE,
-    SUPERVISED_SPEEDS,
-    TRUTH,
-    Recording,
-)
+from train_ato.judge import recording as rec
 from train_ato.judge.requirements import Robustness, evaluate_formula
 from train_ato.judge.series import TopicSamples
 from train_ato.judge.verdict import three_digits
@@ -92,7 +83,7 @@ class LiveRequirements:
         recording = self._recording()
         return {name: evaluate_formula(formula, self._setup, recording) for name, formula in self._formulas.items()}
 
-    def _recording(self) -> Recording:
+    def _recording(self) -> rec.Recording:
         """Return the snapshots as a recording at the ticks; between two snapshots the earlier one is held."""
         tick, moments = self._setup.tick, self._snapshots
         times = np.array([moment.time for moment in moments])
@@ -105,29 +96,31 @@ class LiveRequirements:
 
         nothing = np.full(4, math.nan)
         topics = {
-            TRUTH: samples(
+            rec.TRUTH: samples(
                 front_position=[moment.position[0] for moment in moments],
                 front_velocity=[moment.velocity[0] for moment in moments],
                 coupler_draft_max=[moment.coupler.max(initial=0.0) for moment in moments],
                 coupler_buff_max=[moment.coupler.min(initial=0.0) for moment in moments],
             ),
-            MEASUREMENT: samples(applied=[moment.applied for moment in moments]),
-            REFERENCE: samples(
+            rec.MEASUREMENT: samples(applied=[moment.applied for moment in moments]),
+            rec.REFERENCE: samples(
                 position=[moment.reference[0] for moment in moments],
                 velocity=[moment.reference[1] for moment in moments],
                 acceleration=[moment.reference[2] for moment in moments],
             ),
-            COMMAND: samples(force=[moment.command for moment in moments]),
-            BRAKE_PIPE: samples(pressure=[moment.pipe for moment in moments]),
-            BRAKE_SHOES: samples(total=[math.nan if moment.shoe is None else moment.shoe.sum() for moment in moments]),
-            SUPERVISED_SPEEDS: samples(
+            rec.COMMAND: samples(force=[moment.command for moment in moments]),
+            rec.BRAKE_PIPE: samples(pressure=[moment.pipe for moment in moments]),
+            rec.BRAKE_SHOES: samples(
+                total=[math.nan if moment.shoe is None else moment.shoe.sum() for moment in moments]
+            ),
+            rec.SUPERVISED_SPEEDS: samples(
                 speed=[
                     np.append(moment.velocity[0], nothing if moment.limits is None else moment.limits)
                     for moment in moments
                 ]
             ),
         }
-        return Recording(topics)
+        return rec.Recording(topics)
 
 
 def _line(name: str, found: Robustness) -> str:
@@ -295,7 +288,7 @@ class LiveFeed(Feed):
                 taken[0] if (taken := take()) is not None else old for take, old in zip(takers, found, strict=True)
             ]
             time.sleep(0.01)
-        topics = ("train/brake_pipe", "train/disturbance", SUPERVISED_SPEEDS)
+        topics = ("train/brake_pipe", "train/disturbance", rec.SUPERVISED_SPEEDS)
         there = {name: self._listening.count_publishers(name) > 0 for name in topics}
         assert found[0] is not None
         assert found[1] is not None
@@ -304,7 +297,7 @@ class LiveFeed(Feed):
             found[1],
             air_brake=there["train/brake_pipe"],
             disturbed=there["train/disturbance"],
-            supervised=there[SUPERVISED_SPEEDS],
+            supervised=there[rec.SUPERVISED_SPEEDS],
         )
 
     def subscribe(self) -> deque[Copied]:

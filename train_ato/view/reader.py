@@ -11,20 +11,7 @@ from typing import Any
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.judge.recording import (
-    BRAKE_PIPE,
-    BRAKE_PIPE_COMMAND,
-    BRAKE_SHOES,
-    COMMAND,
-    DIAGNOSTICS,
-    ESTIMATE,
-    LIMITS,
-    MEASUREMENT,
-    PROFILE,
-    REFERENCE,
-    SUPERVISED_SPEEDS,
-    TRUTH,
-)
+from train_ato.judge import recording as rec
 from train_ato.messages.cdr import stamp_of, typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import TrainLayout
@@ -35,9 +22,9 @@ from train_ato.view.snapshot import Snapshot
 
 DEPTH = 4
 COPIED_DEPTH = 20
-TOGETHER = (TRUTH, MEASUREMENT, REFERENCE, COMMAND)
+TOGETHER = (rec.TRUTH, rec.MEASUREMENT, rec.REFERENCE, rec.COMMAND)
 """Topics of a snapshot with a common stamp."""
-BESIDE = (BRAKE_SHOES, BRAKE_PIPE, BRAKE_PIPE_COMMAND, ESTIMATE, SUPERVISED_SPEEDS)
+BESIDE = (rec.BRAKE_SHOES, rec.BRAKE_PIPE, rec.BRAKE_PIPE_COMMAND, rec.ESTIMATE, rec.SUPERVISED_SPEEDS)
 """Topics of a snapshot with their newest message."""
 
 
@@ -73,9 +60,9 @@ class GraphReader:
         names = [name for name in (*TOGETHER, *BESIDE) if BY_NAME[name].exists(layout)]
         self._takers = {name: taker(node, name, DEPTH, reliable=False) for name in names}
         self._arrived: dict[str, list[Any]] = {
-            DIAGNOSTICS: self.diagnostics,
-            PROFILE: self.profiles,
-            LIMITS: self.limits,
+            rec.DIAGNOSTICS: self.diagnostics,
+            rec.PROFILE: self.profiles,
+            rec.LIMITS: self.limits,
         }
         self._kept = {name: taker(node, name, 50, reliable=True) for name in self._arrived}
 

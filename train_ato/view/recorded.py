@@ -11,18 +11,7 @@ import numpy as np
 
 from plant_sim.units import KMH
 from train_ato.control.contract import LawPlan
-from train_ato.judge.recording import (
-    BRAKE_PIPE,
-    BRAKE_PIPE_COMMAND,
-    BRAKE_SHOES,
-    COMMAND,
-    ESTIMATE,
-    MEASUREMENT,
-    REFERENCE,
-    SUPERVISED_SPEEDS,
-    TRUTH,
-    Recording,
-)
+from train_ato.judge import recording as rec
 from train_ato.judge.result import completed_summary
 from train_ato.judge.series import TopicSamples, seconds
 from train_ato.judge.verdict import verdict_line
@@ -74,7 +63,7 @@ class RecordedFeed(Feed):
     def __init__(self, run: Path, namespace: str = "") -> None:
         self.recording = recording = open_recording(run, namespace=namespace).within_span()
         self._cars = cars = _cars(recording)
-        if REFERENCE not in recording.topics:
+        if rec.REFERENCE not in recording.topics:
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
         super().__init__(_facts(recording, cars))
         self.folder = run if run.is_dir() else None
@@ -164,16 +153,16 @@ class RecordedFeed(Feed):
     def _moment(self, row: int) -> Snapshot:
         cars, at = self._cars, float(self._cars.time[row])
         nothing = np.full(self.facts.layout.n_units, np.nan)
-        reference = self.recording.topics[REFERENCE]
+        reference = self.recording.topics[rec.REFERENCE]
         where = _before(reference.time, at)
         position, speed, acceleration = (
             float(reference.row(name, where)[0]) for name in ("position", "velocity", "acceleration")
         )
-        shoe, pipe = self._at(BRAKE_SHOES, "shoe_force", at), self._at(BRAKE_PIPE, "pressure", at)
-        wanted, speeds = self._at(BRAKE_PIPE_COMMAND, "pressure", at), self._at(SUPERVISED_SPEEDS, "speed", at)
+        shoe, pipe = self._at(rec.BRAKE_SHOES, "shoe_force", at), self._at(rec.BRAKE_PIPE, "pressure", at)
+        wanted, speeds = self._at(rec.BRAKE_PIPE_COMMAND, "pressure", at), self._at(rec.SUPERVISED_SPEEDS, "speed", at)
         applied, command, estimate = (
             self._at(topic, name, at)
-            for topic, name in ((MEASUREMENT, "applied"), (COMMAND, "force"), (ESTIMATE, "force"))
+            for topic, name in ((rec.MEASUREMENT, "applied"), (rec.COMMAND, "force"), (rec.ESTIMATE, "force"))
         )
         return Snapshot(
             time=at,
@@ -236,9 +225,9 @@ def _before(times: Array, at: float) -> int:
     return max(0, int(np.searchsorted(times, at + 1e-9, side="right")) - 1)
 
 
-def _cars(recording: Recording) -> TopicSamples:
+def _cars(recording: rec.Recording) -> TopicSamples:
     """Return the motion of the vehicles; for a measured run that of the first one, from the measurement."""
-    cars, measured, setup = (recording.topics.get(TRUTH), recording.topics.get(MEASUREMENT), recording.setup)
+    cars, measured, setup = (recording.topics.get(rec.TRUTH), recording.topics.get(rec.MEASUREMENT), recording.setup)
     if cars is not None:
         return cars
     if setup is None or measured is None or not {"position", "velocity"} <= measured.values.keys():
@@ -250,25 +239,25 @@ def _cars(recording: Recording) -> TopicSamples:
     return TopicSamples(measured.time, values)
 
 
-def _facts(recording: Recording, cars: TopicSamples) -> Facts:
-    supervised = SUPERVISED_SPEEDS in recording.topics
+def _facts(recording: rec.Recording, cars: TopicSamples) -> Facts:
+    supervised = rec.SUPERVISED_SPEEDS in recording.topics
     if recording.setup is not None:
         facts = facts_of(recording.setup)
         layout = replace(facts.layout, supervised=supervised)
         known = cars.row("velocity", 0).size
         return replace(facts, layout=replace(layout, n_vehicles=known) if recording.measured_only else layout)
-    measured = recording.topics.get(MEASUREMENT)
+    measured = recording.topics.get(rec.MEASUREMENT)
     units = measured["applied"].shape[1] if measured is not None and "applied" in measured else 0
-    layout = TrainLayout(cars.row("velocity", 0).size, units, (), BRAKE_PIPE in recording.topics, False, supervised)
+    layout = TrainLayout(cars.row("velocity", 0).size, units, (), rec.BRAKE_PIPE in recording.topics, False, supervised)
     limits = recording.limits
     places, speeds = (limits.position, limits.velocity) if limits is not None else (np.zeros(0), np.zeros(0))
     span = recording.span
     return Facts(recording.name, layout, span[1] - span[0], limit_places=places, limit_speeds=speeds)
 
 
-def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, Array]:
+def _table(recording: rec.Recording, cars: TopicSamples, facts: Facts) -> dict[str, Array]:
     """Return the columns :data:`train_ato.view.snapshot.STRIP` of the whole run."""
-    reference = recording.topics[REFERENCE]
+    reference = recording.topics[rec.REFERENCE]
     at = cars.time
     front = _front(cars, "position") + facts.nose
     speed = KMH * _front(cars, "velocity")
@@ -284,8 +273,8 @@ def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, 
         "profile": profile,
         "limit": _limits(facts, front),
         "error": speed - profile,
-        "applied": units(MEASUREMENT, "applied"),
-        "demand": units(COMMAND, "force"),
+        "applied": units(rec.MEASUREMENT, "applied"),
+        "demand": units(rec.COMMAND, "force"),
         "most": _envelope(facts, speed, facts.most),
         "least": _envelope(facts, speed, facts.least),
         "draft": np.maximum(_extreme(cars, "coupler_draft_max"), 0.0) / 1e3,
@@ -307,9 +296,9 @@ def _extreme(cars: TopicSamples, name: str) -> Array:
     return cars[name][:, 0] if name in cars else np.zeros(cars.time.size)
 
 
-def _limit_speed(recording: Recording, at: Array, column: int) -> Array:
+def _limit_speed(recording: rec.Recording, at: Array, column: int) -> Array:
     """Return a speed of the supervisor [km/h] at these times; NaN without one."""
-    found = recording.of(SUPERVISED_SPEEDS, "speed")
+    found = recording.of(rec.SUPERVISED_SPEEDS, "speed")
     if found is None:
         return np.full(at.size, np.nan)
     rows = np.searchsorted(found[0], at + 1e-9, side="right") - 1
