@@ -9,17 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.api import scenario_choice
 from train_ato.api.drive import RunMode, drive
 from train_ato.api.run import Run
-from train_ato.api.scenario_choice import (
-    Changes,
-    ComponentChoice,
-    GivenScenario,
-    ScenarioChoice,
-    choose_component,
-    choose_scenario,
-    put_components,
-)
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import RESULTS, html_table, metric_heading
 from train_ato.judge.ranking import rank_of
@@ -181,12 +173,12 @@ class Comparison:
 
 
 def compare(
-    scenario: GivenScenario,
+    scenario: scenario_choice.GivenScenario,
     laws: Sequence[Any] | None = None,
     *,
     observer: Any = None,
     compensation: Any = None,
-    set: Changes | None = None,
+    set: scenario_choice.Changes | None = None,
     seed: int | None = None,
     out: str | Path | None = None,
     progress: bool | None = None,
@@ -219,9 +211,9 @@ def compare(
     >>> sorted(both.table["status"].items())
     [('pid', 'done'), ('smc', 'done')]
     """
-    choice = choose_scenario(scenario).changed(set, seed)
+    choice = scenario_choice.choose_scenario(scenario).changed(set, seed)
     parts = {"observer": observer, "compensation": compensation}
-    base = put_components(choice.checked, importable=False, changes=set, **parts)
+    base = scenario_choice.put_components(choice.checked, importable=False, changes=set, **parts)
     chosen = _chosen(laws)
     named = [law.name for law in chosen if law.given is None]
     for law in chosen:
@@ -239,11 +231,13 @@ def compare(
     )
 
 
-def _chosen(laws: Sequence[Any] | None) -> list[ComponentChoice]:
+def _chosen(laws: Sequence[Any] | None) -> list[scenario_choice.ComponentChoice]:
     """Return the loaded laws with different labels; None for every registered one."""
     if isinstance(laws, str):
         raise ValueError(f"laws '{laws}': give a list, for example ['pid', 'smc']")
-    chosen = _labelled([choose_component(LAWS, entry) for entry in (LAWS.loadable() if laws is None else laws)])
+    chosen = _labelled(
+        [scenario_choice.choose_component(LAWS, entry) for entry in (LAWS.loadable() if laws is None else laws)]
+    )
     if not chosen:
         raise ValueError("laws: no law; add one, or remove the argument to use all that fit")
     for law in chosen:
@@ -251,7 +245,7 @@ def _chosen(laws: Sequence[Any] | None) -> list[ComponentChoice]:
     return chosen
 
 
-def _labelled(laws: Sequence[ComponentChoice]) -> list[ComponentChoice]:
+def _labelled(laws: Sequence[scenario_choice.ComponentChoice]) -> list[scenario_choice.ComponentChoice]:
     """Return the laws with different labels."""
     taken: dict[str, int] = {}
     found = []
@@ -263,7 +257,7 @@ def _labelled(laws: Sequence[ComponentChoice]) -> list[ComponentChoice]:
 
 
 def _setups(
-    choice: ScenarioChoice, base: Scenario, laws: Sequence[ComponentChoice]
+    choice: scenario_choice.ScenarioChoice, base: Scenario, laws: Sequence[scenario_choice.ComponentChoice]
 ) -> tuple[dict[str, RunSetup], dict[str, str]]:
     """Prepare one run of the base scenario for each law; return also the reasons of the laws that are refused."""
     setups: dict[str, RunSetup] = {}
@@ -290,7 +284,9 @@ def _setups(
     return setups, refused
 
 
-def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, *, shown: bool | None) -> Compared:
+def _compared(
+    law: scenario_choice.ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, *, shown: bool | None
+) -> Compared:
     """Run one law; keep only the data of the figures in memory."""
     law.put_into(setup.scenario)  # registers this class, if two classes have one name
     gains = setup.gains(setup.controller).source or OWN

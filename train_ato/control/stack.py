@@ -12,38 +12,15 @@ import numpy as np
 
 from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
+from train_ato.control import component_fault as fault
+from train_ato.control import takeover
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
-from train_ato.control.component_fault import (
-    ComponentFailed,
-    answer_fault,
-    diagnostics_fault,
-    fault_of_error,
-    inputs_fault,
-    is_own,
-    output_fault,
-    printable,
-    raise_if_interrupted,
-    step_limit,
-    step_of,
-    unless_raised,
-)
 from train_ato.control.contract import Law, LawInput, LawOutput, ProfileLike
 from train_ato.control.guard import LawUnit, all_within, is_valid, is_valid_state, limit_commands
 from train_ato.control.law import RecordLaw
 from train_ato.control.plan_text import TimedPlan, plan_to_text
-from train_ato.control.takeover import (
-    AGREED,
-    DEFAULT_JERK,
-    JoinedReference,
-    LawTransition,
-    TakeoverRamp,
-    largest_change,
-    lasting_force,
-    stretches,
-    transition_jerk,
-)
 from train_ato.control.train_model import stands
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
@@ -134,7 +111,7 @@ class ControlStack:
         make_law: Callable[[str, Mapping[str, Any], float], Law],
         distribution: ForceDistribution | None = None,
         displacement: PlannedDisplacement | None = None,
-        jerk_limit: float = DEFAULT_JERK,
+        jerk_limit: float = takeover.DEFAULT_JERK,
         authority: Callable[[int, Array], tuple[float, Array]] | None = None,
     ) -> None:
         self.model = model
@@ -146,8 +123,8 @@ class ControlStack:
             )
         self._make_law = make_law
         self._set_law(controller, controller_parameters.get(controller, {}))
-        self.compensation, self._compensation_limit = compensation, step_limit(compensation)
-        self._own_compensation = is_own(compensation)
+        self.compensation, self._compensation_limit = compensation, fault.step_limit(compensation)
+        self._own_compensation = fault.is_own(compensation)
         self.policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
         self.delay_to_effect = model.longest_delay + model.lag
@@ -160,10 +137,10 @@ class ControlStack:
         self.last: list[float] = [0.0] * model.n_units
         self._before = self.last
         self._units = zeros(LawUnit, model.n_units)
-        self._transition: LawTransition | None = None
+        self._transition: takeover.LawTransition | None = None
         self._takes_over = self._joins = False
-        self._joined: JoinedReference | None = None
-        self._braking: TakeoverRamp | None = None
+        self._joined: takeover.JoinedReference | None = None
+        self._braking: takeover.TakeoverRamp | None = None
         self.pressure: float | None = None if brake is None else brake.charged  # lockstep awaits one in every tick
         self._shoes_act = self.law_brakes = self.saturated = False
         self.hold = CommandHold(hold_limit, period)
@@ -186,7 +163,7 @@ class ControlStack:
 
     def _set_law(self, name: str, parameters: Mapping[str, Any]) -> None:
         self.law: Law = self._make_law(name, parameters, self.period)
-        self._law_limit, self._name = step_limit(self.law), name
+        self._law_limit, self._name = fault.step_limit(self.law), name
         self._is_guarded = getattr(type(self.law), "step", None) is RecordLaw.step
 
     def swap(self, name: str, parameters: Mapping[str, Any]) -> None:
@@ -206,10 +183,10 @@ class ControlStack:
         another = name != self._name
         self._set_law(name, parameters)
         self._fault = self.plan = None
-        change = largest_change(self.model, transition_jerk(self.profile, self._jerk_limit))
+        change = takeover.largest_change(self.model, takeover.transition_jerk(self.profile, self._jerk_limit))
         if self._braking is not None:
             change = self._braking.change
-        self._transition = LawTransition(change, self.model.tick)
+        self._transition = takeover.LawTransition(change, self.model.tick)
         self._takes_over, self._joined = True, None
         self._joins = another and self._braking is None
         self._braking = None
@@ -226,8 +203,8 @@ class ControlStack:
             Jerk that a limit demands at the takeover [m/s³].
         """
         if self._braking is None:
-            jerk = transition_jerk(self.profile, self._jerk_limit)
-            self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
+            jerk = takeover.transition_jerk(self.profile, self._jerk_limit)
+            self._braking = takeover.TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
         self.last = sent.tolist()
         self.in_flight[-1:] = sent
@@ -255,9 +232,11 @@ class ControlStack:
         try:
             with self._law_limit:
                 found: Any = getattr(self.law, "diagnostics", dict)()
-                if text := diagnostics_fault(self._name, self.law, found):
-                    raise ComponentFailed(text)
-                return {printable(f"{self._name}.{key}"): printable(str(value)) for key, value in found.items()}
+                if text := fault.diagnostics_fault(self._name, self.law, found):
+                    raise fault.ComponentFailed(text)
+                return {
+                    fault.printable(f"{self._name}.{key}"): fault.printable(str(value)) for key, value in found.items()
+                }
         except BaseException as error:  # a user-defined law may raise any
             if self._fault is None:
                 self._take_fault("law", self._name, error)
@@ -265,9 +244,11 @@ class ControlStack:
 
     def _take_fault(self, kind: str, name: str, error: BaseException) -> None:
         """Note an error of the law or the compensation, which gets no further step."""
-        raise_if_interrupted(error)
+        fault.raise_if_interrupted(error)
         self._fault = error
-        self._fault_text = str(error) if isinstance(error, ComponentFailed) else fault_of_error(kind, name, error)
+        self._fault_text = (
+            str(error) if isinstance(error, fault.ComponentFailed) else fault.fault_of_error(kind, name, error)
+        )
 
     @property
     def has_fault(self) -> bool:
@@ -371,9 +352,9 @@ class ControlStack:
         if output.held:
             valid = is_valid(inputs)
             spoilt = self._own_compensation and not valid and "coupler_force" not in output.held  # that of a sensor
-            place = step_of(self.law)[0] if valid else ""
+            place = fault.step_of(self.law)[0] if valid else ""
             law = f"law '{self._name}' repeated its last force ({output.held}{place})"
-            reason = answer_fault(self.compensation, output.held) if spoilt else law
+            reason = fault.answer_fault(self.compensation, output.held) if spoilt else law
             self.hold.hold(reason, by_component=valid or spoilt)
         else:
             self.hold.in_a_row = 0
@@ -420,8 +401,10 @@ class ControlStack:
                         None if self._authority is None else partial(self._authority, measurement.stamp),
                     )  # fmt: skip
                     inputs = self.compensation.step(seen)
-                if self._own_compensation and (text := inputs_fault(self.compensation, inputs, self.model.n_units)):
-                    raise ComponentFailed(text)
+                if self._own_compensation and (
+                    text := fault.inputs_fault(self.compensation, inputs, self.model.n_units)
+                ):
+                    raise fault.ComponentFailed(text)
                 self._shoes_act = inputs.train_shoe_force != 0.0
                 if self._joins or self._joined is not None:
                     inputs = self._on_joined_reference(inputs)
@@ -429,9 +412,9 @@ class ControlStack:
                 with self._law_limit:
                     if self._transition is not None:
                         inputs = self._taken_over(inputs, self._transition)
-                    output = self.law.step(inputs) if answer is None else unless_raised(answer)
+                    output = self.law.step(inputs) if answer is None else fault.unless_raised(answer)
                 if not self._is_guarded:
-                    self._fault_text = output_fault(name, self.law, output, self.model.n_units)
+                    self._fault_text = fault.output_fault(name, self.law, output, self.model.n_units)
                 if not self._fault_text:
                     return inputs, output
             except BaseException as error:  # a user-defined law may raise any
@@ -443,7 +426,7 @@ class ControlStack:
         """Return the inputs with the reference of a new law, see :class:`JoinedReference`."""
         if self._joins and is_valid(inputs):
             self._joins = False
-            self._joined = JoinedReference(inputs, self.model.share, self.profile, self._lasting_force(inputs))
+            self._joined = takeover.JoinedReference(inputs, self.model.share, self.profile, self._lasting_force(inputs))
         if self._joined is None:
             return inputs
         if self._joined.has_joined(inputs.t):
@@ -460,14 +443,16 @@ class ControlStack:
         model, commands = self.model, inputs.commands_in_flight
         if inputs.train_shoe_force != 0.0 or getattr(self.compensation, "simulates_train", False):
             return 0.0 * self._no_disturbance
-        if stretches(model, self.profile, inputs.t):
+        if takeover.stretches(model, self.profile, inputs.t):
             return 0.0 * self._no_disturbance
         times = inputs.t + model.tick * np.arange(-len(commands), 0.0)[:, None] + model.delay
         nominal = self.rigid.aheads(times.ravel(), model.lag).reshape(commands.shape) * model.share
-        limited = ((commands >= AGREED * inputs.force_max) | (commands <= AGREED * inputs.force_min)).any(axis=0)
-        return np.where(limited, inputs.disturbance, lasting_force(commands, nominal) + inputs.disturbance)
+        limited = (
+            (commands >= takeover.AGREED * inputs.force_max) | (commands <= takeover.AGREED * inputs.force_min)
+        ).any(axis=0)
+        return np.where(limited, inputs.disturbance, takeover.lasting_force(commands, nominal) + inputs.disturbance)
 
-    def _taken_over(self, inputs: LawInput, transition: LawTransition) -> LawInput:
+    def _taken_over(self, inputs: LawInput, transition: takeover.LawTransition) -> LawInput:
         """Return the inputs of a law in its transition, whose force limits are those that its demand can reach.
 
         At its first step the law takes over the run, if it has the method for it.
@@ -484,7 +469,9 @@ class ControlStack:
         low, high = inputs.force_min, inputs.force_max
         return replace(inputs, force_min=np.clip(last - reach, low, high), force_max=np.clip(last + reach, low, high))
 
-    def _in_transition(self, transition: LawTransition, measurement: Measurement, *, decided: bool) -> list[float]:
+    def _in_transition(
+        self, transition: takeover.LawTransition, measurement: Measurement, *, decided: bool
+    ) -> list[float]:
         """Return the command after a change of the law: from the last one towards the demand.
 
         A limit of the speed that falls faster than the largest change does not cut it: the unit is at its limit then.
@@ -498,7 +485,7 @@ class ControlStack:
             self.saturated |= sent != self.last
         return sent
 
-    def _before_corner(self, transition: LawTransition, measurement: Measurement) -> list[float]:
+    def _before_corner(self, transition: takeover.LawTransition, measurement: Measurement) -> list[float]:
         """Return the demand of the law, or before a corner of the profile the one that changes early enough [N].
 
         In motion the demand of the law keeps its difference from the force of the profile inside the limits of the
@@ -517,8 +504,8 @@ class ControlStack:
         effects = (t + 0.5 * self.period + model.tick * ticks + delays).ravel()
         required = self.rigid.aheads(effects, model.lag).reshape(-1, model.n_units) * model.share
         reach, demand = transition.reach(self.every), np.array(self.last)
-        least = np.where(demand >= last + AGREED * reach, 0.0, -np.inf)
-        most = np.where(demand <= last - AGREED * reach, 0.0, np.inf)
+        least = np.where(demand >= last + takeover.AGREED * reach, 0.0, -np.inf)
+        most = np.where(demand <= last - takeover.AGREED * reach, 0.0, np.inf)
         if transition.beyond is None:
             transition.beyond = 0.0 * demand if rests else np.clip(demand - required[0], least, most)
         low, high = self.model.limits_of_units(measurement.velocity.tolist())

@@ -6,46 +6,29 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from train_ato.papers.claims import (
-    ABOUT,
-    BETTER,
-    MUCH_BETTER,
-    REMOVED,
-    ROBUST,
-    UNCHANGED,
-    Calculation,
-    Case,
-    CaseTable,
-    Claim,
-    FigureFile,
-    Judgement,
-    Paper,
-    Result,
-    Results,
-    Verdict,
-)
+from train_ato.papers import claims as c
 
 Row = dict[str, str]
 """One line of ``reproduce.json``: paper, claim, stated, measured, verdict, reason, bounds."""
 
 
-def cases_of(paper: Paper, *, full: bool) -> dict[str, Case | Calculation]:
+def cases_of(paper: c.Paper, *, full: bool) -> dict[str, c.Case | c.Calculation]:
     """Return the cases to run, in their order."""
     return {key: case for key, case in paper.cases.items() if full or not case.full_only}
 
 
-def claims_of(paper: Paper, *, full: bool) -> list[Claim]:
+def claims_of(paper: c.Paper, *, full: bool) -> list[c.Claim]:
     """Return the claims to judge: all under ``full``, else those without long cases."""
     short = cases_of(paper, full=False)
     return [claim for claim in paper.claims if full or not (claim.full_only or set(claim.cases) - set(short))]
 
 
-def judge_paper(paper: Paper, results: Results, *, full: bool) -> list[Row]:
+def judge_paper(paper: c.Paper, results: c.Results, *, full: bool) -> list[Row]:
     """Return one row per claim."""
     return [_row(paper, claim, _judged(claim, results)) for claim in claims_of(paper, full=full)]
 
 
-def _row(paper: Paper, claim: Claim, judgement: Judgement) -> Row:
+def _row(paper: c.Paper, claim: c.Claim, judgement: c.Judgement) -> Row:
     return {
         "paper": paper.number,
         "claim": claim.text,
@@ -57,17 +40,17 @@ def _row(paper: Paper, claim: Claim, judgement: Judgement) -> Row:
     }
 
 
-def _judged(claim: Claim, results: Results) -> Judgement:
+def _judged(claim: c.Claim, results: c.Results) -> c.Judgement:
     """Return the judgement; "not reproduced" after a failed run or an error of the judge."""
-    needed: Mapping[str, Result] = {key: results[key] for key in claim.cases}
+    needed: Mapping[str, c.Result] = {key: results[key] for key in claim.cases}
     failures = [f"{key}: {result.failure}" for key, result in needed.items() if result.failure]
     if failures and not claim.takes_failures:
-        return Judgement("-", Verdict.NOT_REPRODUCED, "the run failed: " + "; ".join(failures))
+        return c.Judgement("-", c.Verdict.NOT_REPRODUCED, "the run failed: " + "; ".join(failures))
     try:
         return claim.judge(needed)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         reason: Any = f"the runs have no figures to judge ({type(error).__name__}: {error})"
-        return Judgement("-", Verdict.NOT_REPRODUCED, "; ".join([*failures, reason]))
+        return c.Judgement("-", c.Verdict.NOT_REPRODUCED, "; ".join([*failures, reason]))
 
 
 INTRODUCTION = Path(__file__).with_name("introduction.md")
@@ -77,7 +60,7 @@ FORMER: Mapping[str, tuple[int, int, int]] = {
 """Number of claims by verdict before the bounds had sources."""
 
 
-def table_rows(table: CaseTable, results: Results) -> Sequence[Sequence[Any]]:
+def table_rows(table: c.CaseTable, results: c.Results) -> Sequence[Sequence[Any]]:
     """Return the rows of a table; one row with the reason if a run is missing or failed."""
     try:
         return table.rows(results)
@@ -85,10 +68,10 @@ def table_rows(table: CaseTable, results: Results) -> Sequence[Sequence[Any]]:
         return [(f"not available: {type(error).__name__}: {error}",)]
 
 
-def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: str) -> str:
+def papers_overview(rows: Iterable[Row], papers: Mapping[str, c.Paper], options: str) -> str:
     """Return the head of the page: introduction, and number of claims by paper and verdict."""
     counted = Counter((row["paper"], row["verdict"]) for row in rows)
-    verdicts = [verdict.value for verdict in Verdict]
+    verdicts = [verdict.value for verdict in c.Verdict]
     lines = [
         (
             f"{number}: {papers[number].title}",
@@ -98,15 +81,15 @@ def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: s
         for number in sorted(papers)
     ]
     shares = {
-        "better": BETTER, "much": MUCH_BETTER, "removed": REMOVED, "unchanged": UNCHANGED, "robust": ROBUST,
-        "about": ABOUT,
+        "better": c.BETTER, "much": c.MUCH_BETTER, "removed": c.REMOVED, "unchanged": c.UNCHANGED, "robust": c.ROBUST,
+        "about": c.ABOUT,
     }  # fmt: skip
     head = INTRODUCTION.read_text(encoding="utf-8").format(options=options, **shares)
     return head + "\n" + _table(("paper", *verdicts, "before"), lines)
 
 
 def section(
-    paper: Paper, rows: Iterable[Row], results: Results, figures: Iterable[FigureFile], shown: Any = str
+    paper: c.Paper, rows: Iterable[Row], results: c.Results, figures: Iterable[c.FigureFile], shown: Any = str
 ) -> str:
     """Return the section of a paper.
 

@@ -33,24 +33,11 @@ from train_ato.messages.topic import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.messages.types import Array, TrainAhead
 from train_ato.profile.profile import Profile
+from train_ato.scenario import scenario_data
 from train_ato.scenario.changes import effective_stamp
 from train_ato.scenario.formula import parse_formula, signals_of
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
-from train_ato.scenario.scenario_data import (
-    PartCache,
-    fitting_law,
-    line_supervisor,
-    nominal_model,
-    profile_key,
-    scenario_consist,
-    scenario_layout,
-    scenario_line,
-    scenario_profile,
-    with_departure,
-    with_driver,
-    with_start,
-)
 from train_ato.scenario.signals import unavailable_signal
 from train_ato.scenario.supervised_plan import SpeedCeiling, profile_within
 from train_ato.supervision.supervisor import Supervisor
@@ -59,7 +46,7 @@ from train_ato.supervision.train_report import TrainReport, parse_reports
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import Replanner
 
-_texts = PartCache(256)
+_texts = scenario_data.PartCache(256)
 """Profiles and YAML of parts of resolved scenarios; the runs of a study have most of it in common."""
 
 
@@ -77,7 +64,9 @@ def resolved_data(scenario: Scenario, folder: Path, consist: Consist, line: Line
     if scenario.replan is not None:
         data["replan"] = scenario.replan.model_dump(mode="json", by_alias=True, exclude_unset=True)
     profile = scenario.profile
-    data["profile"] = _texts.get(profile_key(profile, folder), lambda: dict(sorted(profile.inlined(folder).items())))
+    data["profile"] = _texts.get(
+        scenario_data.profile_key(profile, folder), lambda: dict(sorted(profile.inlined(folder).items()))
+    )
     return data
 
 
@@ -375,7 +364,7 @@ class RunSetup:
         """Return a law of this run with the parameters of the scenario, or with others."""
         if values is None:
             values = self.controller_parameters.get(name, {})
-        return fitting_law(name, values, self.model, self.control_period, self.compensation)
+        return scenario_data.fitting_law(name, values, self.model, self.control_period, self.compensation)
 
     def gains(self, name: str, values: Mapping[str, Any] | None = None) -> Gains:
         """Return the parameters of a law in this run, with those of the scenario or with others given."""
@@ -437,7 +426,7 @@ class RunSetup:
     def supervisor(self) -> Supervisor:
         """Return the supervisor of the train on its line, up to the stop at the end of the profile."""
         reaction = (self.supervision_ticks + 1) * self.tick + self.links.brake_release.longest
-        return line_supervisor(self.scenario, self.consist, self.line, self.profile, reaction)
+        return scenario_data.line_supervisor(self.scenario, self.consist, self.line, self.profile, reaction)
 
     def replanner(self, profile: Profile | None = None) -> Replanner | None:
         """Return the replanner of a profile, by default the first one; None without ``replan:`` in the scenario."""
@@ -473,7 +462,9 @@ class RunSetup:
         return resolved_data(scenario, self.folder, self.consist, self.line, self.model)
 
 
-def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None, *, recorded: bool = False) -> RunSetup:
+def prepare(
+    scenario: Scenario, path: Path, parts: scenario_data.PartCache | None = None, *, recorded: bool = False
+) -> RunSetup:
     """Return the prepared run of a scenario: load data, build model and profile, check their combination.
 
     Parameters
@@ -486,7 +477,7 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None, *, r
         The scenario is that of a recorded run, whose evaluation may have no tick.
     """
     try:
-        setup = _prepare(scenario, path.parent, parts or PartCache())
+        setup = _prepare(scenario, path.parent, parts or scenario_data.PartCache())
         if not recorded:
             check_evaluation(setup.scenario, setup.profile)
             check_forwards(setup.scenario, setup.profile)
@@ -498,17 +489,17 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None, *, r
         raise ValueError(f"{path}: a number is too large or too small ({error}); correct it") from None
 
 
-def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
-    scenario = with_driver(scenario)
-    consist = scenario_consist(scenario.plant.consist, folder, parts)
-    line = line_for(scenario_line(scenario.plant.line, folder, parts), consist.categories, consist.rating)
-    layout = scenario_layout(scenario, consist, line)
+def _prepare(scenario: Scenario, folder: Path, parts: scenario_data.PartCache) -> RunSetup:
+    scenario = scenario_data.with_driver(scenario)
+    consist = scenario_data.scenario_consist(scenario.plant.consist, folder, parts)
+    line = line_for(scenario_data.scenario_line(scenario.plant.line, folder, parts), consist.categories, consist.rating)
+    layout = scenario_data.scenario_layout(scenario, consist, line)
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
-    model = nominal_model(scenario, consist, line, layout, folder, parts)
-    scenario = with_departure(scenario, model)
-    profile = scenario_profile(scenario, consist, line, tick_ns, folder, parts)
+    model = scenario_data.nominal_model(scenario, consist, line, layout, folder, parts)
+    scenario = scenario_data.with_departure(scenario, model)
+    profile = scenario_data.scenario_profile(scenario, consist, line, tick_ns, folder, parts)
     setup = RunSetup(
-        scenario=with_start(scenario, float(profile.position[0]), float(profile.velocity[0])),
+        scenario=scenario_data.with_start(scenario, float(profile.position[0]), float(profile.velocity[0])),
         folder=folder,
         consist=consist,
         line=line,
@@ -523,7 +514,7 @@ def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
     return _within_supervision(setup, parts)
 
 
-def _within_supervision(setup: RunSetup, parts: PartCache) -> RunSetup:
+def _within_supervision(setup: RunSetup, parts: scenario_data.PartCache) -> RunSetup:
     """Return the run with its planned profile below the limits of the supervisor."""
     scenario, margin = setup.scenario, setup.scenario.supervision.plan_margin
     if not setup.layout.supervised or margin is None or scenario.profile.plan is None:
@@ -537,7 +528,9 @@ def _within_supervision(setup: RunSetup, parts: PartCache) -> RunSetup:
     )
 
     def plan(below: tuple[Array, Array]) -> Profile:
-        return scenario_profile(scenario, setup.consist, setup.line, setup.tick_ns, setup.folder, parts, below)
+        return scenario_data.scenario_profile(
+            scenario, setup.consist, setup.line, setup.tick_ns, setup.folder, parts, below
+        )
 
     return replace(setup, profile=profile_within(ceiling, setup.profile, plan))
 

@@ -8,19 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.elementary import plain_sum
-from train_ato.api.env.observation import (
-    PER_TICK,
-    Known,
-    Quantity,
-    Sight,
-    add_costs,
-    cost_memory,
-    end_costs,
-    flat_vector,
-    observed,
-    signal_texts,
-    weights_of,
-)
+from train_ato.api.env import observation as obs
 from train_ato.api.env.stepped_loop import History, Past, SharedParts, SteppedLoop
 from train_ato.api.run import Run, RunRecord
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
@@ -83,7 +71,7 @@ class _Episode:
         True after the last step.
     """
 
-    known: Known
+    known: obs.Known
     memory: Array
     failure: str | None = None
     ended: bool = False
@@ -186,7 +174,7 @@ class Env(CallerForces):
         self._choice = choose_scenario(scenario).changed(set, seed)
         self._parts = PartCache()
         self._names, self.flat, self.normalised = observe, flat, normalised
-        self._weights = weights_of(reward)
+        self._weights = obs.weights_of(reward)
         self._caller = Caller()
         self._seeds: np.random.Generator | None = None
         self._loop: SteppedLoop | None = None
@@ -196,8 +184,8 @@ class Env(CallerForces):
     def _prepared(self, choice: ScenarioChoice) -> None:
         """Prepare the run of a scenario with the caller as the law."""
         setup = caller_setup(choice, self._caller, self._parts)
-        self.quantities: dict[str, Quantity] = observed(setup, self._names)
-        self.setup, self._sight = setup, Sight(setup)
+        self.quantities: dict[str, obs.Quantity] = obs.observed(setup, self._names)
+        self.setup, self._sight = setup, obs.Sight(setup)
         self._current, self._hashes = choice, dict[str, str]()
 
     @refusing
@@ -250,7 +238,7 @@ class Env(CallerForces):
         loop = self._started()
         loop.observe()
         if self._episode is None:
-            self._episode = _Episode(Known.of(loop.controller), cost_memory(loop.plant.train.velocity.item(0)))
+            self._episode = _Episode(obs.Known.of(loop.controller), obs.cost_memory(loop.plant.train.velocity.item(0)))
         self._episode.known.take(loop.controller)
 
     @refusing
@@ -287,20 +275,20 @@ class Env(CallerForces):
             raise ValueError("step: the run has ended; call reset()")
         self._caller.force = self._force(force)
         if signals:
-            texts = signal_texts(signals, "step")
+            texts = obs.signal_texts(signals, "step")
             if known := sorted(texts.keys() & {*self._info({}), "metrics", "verdict", "failure"}):
                 raise ValueError(f"step: signal {known[0]!r} is a name of info; choose another one")
             loop.note(texts)
         loop.note_force(self._caller.force)
-        tick_costs = np.zeros(len(PER_TICK))
+        tick_costs = np.zeros(len(obs.PER_TICK))
         for _ in range(round(self.period / self.setup.tick)):
             self._tick(loop, episode, tick_costs)
             if episode.ended:
                 break
-        costs = dict(zip(PER_TICK, tick_costs.tolist(), strict=True))
+        costs = dict(zip(obs.PER_TICK, tick_costs.tolist(), strict=True))
         if episode.ended:
             front = float(loop.plant.train.position[0])
-            costs |= end_costs(self.setup, self.run.metrics, front)
+            costs |= obs.end_costs(self.setup, self.run.metrics, front)
         reward = -plain_sum(weight * costs.get(name, 0.0) for name, weight in self._weights.items())
         return self._observation(), reward, episode.ended, False, {**(signals or {}), **self._info(costs)}
 
@@ -319,7 +307,7 @@ class Env(CallerForces):
             self._watch.fail(loop.active, failure)
             episode.ended, episode.failure = True, self._watch.failure
         arrays = train.arrays
-        add_costs(costs, episode.memory, error, arrays.state, arrays.unit, arrays.gear, train.n, tick)
+        obs.add_costs(costs, episode.memory, error, arrays.state, arrays.unit, arrays.gear, train.n, tick)
 
     def _force(self, given: Any) -> Array:
         """Return the force of every unit [N] from that of a step."""
@@ -348,7 +336,7 @@ class Env(CallerForces):
         assert self._episode is not None
         values = self._episode.known.values(self._sight)
         found = {name: values[quantity.part] for name, quantity in self.quantities.items()}
-        return flat_vector(found) if self.flat else found
+        return obs.flat_vector(found) if self.flat else found
 
     def _info(self, costs: dict[str, float]) -> dict[str, Any]:
         loop, episode = self._started(), self._episode

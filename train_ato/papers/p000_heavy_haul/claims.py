@@ -8,17 +8,7 @@ from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import largest_kmh, printed_forms_table, recording, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
 from train_ato.papers.drawing import HELD, Series, between, inset, panel_grid, panels, save, trace
-from train_ato.papers.p000_heavy_haul import checks, lag_checks
-from train_ato.papers.p000_heavy_haul.cases import (
-    CASES,
-    IDEAL_LAWS,
-    LAGGED_LAWS,
-    LAGGED_TRAINS,
-    LIMIT_DELAYS,
-    PERIOD,
-    PRINTED_FORMS,
-    PRINTED_NETWORK,
-)
+from train_ato.papers.p000_heavy_haul import cases, checks, lag_checks
 from train_ato.papers.p000_heavy_haul.checks import (
     LOCOMOTIVE,
     disturbance_40,
@@ -72,13 +62,13 @@ def _network(results: Results, folder: Path) -> FigureFile:
     caption = "figures 7-8: network estimate of delta = f - f_hat; left the whole run, right 30 s"
     figure, axes = panel_grid(caption, 4, 2, height=2.3, width=15)
     settings = (
-        ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),
+        ("rbf", "as printed", RbfSmcParameters(**cases.PRINTED_NETWORK)),
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
     )
     for row, (key, label, parameters) in enumerate(settings):
         run = recording(results[key])
-        truth = unexplained(run, PERIOD, 0.01)
-        found = network_estimate(run, parameters, PERIOD)
+        truth = unexplained(run, cases.PERIOD, 0.01)
+        found = network_estimate(run, parameters, cases.PERIOD)
         for column, (begin, end) in enumerate(((0.0, run.time[-1]), NETWORK_DETAIL)):
             part, whole = (run.time >= begin) & (run.time <= end), column == 0
             t, width = run.time[part], 0.4 if whole else 0.9
@@ -128,7 +118,7 @@ def _observer(results: Results, folder: Path) -> FigureFile:
     figure, (whole, detail) = panels(2, "NDO against the truth, disturbance (40)", height=3.2, shared=False)
     run = recording(results["rbf_ndo disturbed"])
     slow = recording(results["rbf_ks_ndo disturbed"])
-    truth = unexplained(run, PERIOD, 0.01, disturbance_40(run, PERIOD))
+    truth = unexplained(run, cases.PERIOD, 0.01, disturbance_40(run, cases.PERIOD))
     lines: list[Series] = [
         ("truth", run.time, truth),
         ("NDO, 1000 1/s", run.time, run.estimate[:, 0] / LOCOMOTIVE),
@@ -146,7 +136,7 @@ def _limit(results: Results, folder: Path) -> FigureFile:
         "printed SMC with a pure delay; limit of the rigid train: 0.17 s, the flexible train oscillates from 0.1 s on"
     )
     figure, (error, force) = panels(2, caption, height=3.2)
-    runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in LIMIT_DELAYS}
+    runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in cases.LIMIT_DELAYS}
     trace(error, [(name, run.time, locomotive_speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in s")
@@ -156,7 +146,7 @@ def _limit(results: Results, folder: Path) -> FigureFile:
 def _twin(results: Results, folder: Path) -> FigureFile:
     title = "train of the paper with lag 0.4 s and delay 0.8 s: twin + PID"
     figure, (speed, error, force) = panels(3, title, height=3.0)
-    runs = {label: recording(results[f"twin_pid {key}"]) for key, (label, _) in LAGGED_TRAINS.items()}
+    runs = {label: recording(results[f"twin_pid {key}"]) for key, (label, _) in cases.LAGGED_TRAINS.items()}
     first = next(iter(runs.values()))
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
     trace(speed, lines, "speed in km/h", reference=("driver's run", first.time, 3.6 * first.reference_velocity))
@@ -197,17 +187,17 @@ def _ideal_rows(results: Results) -> list[tuple[Any, ...]]:
             INDEPENDENT_IDEAL.get(key, ("", ""))[1],
             f"{variation(results[key]):.1f}",
         )
-        for key, (label, _) in IDEAL_LAWS.items()
+        for key, (label, _) in cases.IDEAL_LAWS.items()
     ]
 
 
 def _lagged_rows(results: Results) -> list[tuple[Any, ...]]:
     rows = []
-    for key, (label, _) in LAGGED_LAWS.items():
+    for key, (label, _) in cases.LAGGED_LAWS.items():
         row = [label]
-        for train, stated in zip(LAGGED_TRAINS, INDEPENDENT_LAGGED.get(key, ("",) * 4), strict=True):
+        for train, stated in zip(cases.LAGGED_TRAINS, INDEPENDENT_LAGGED.get(key, ("",) * 4), strict=True):
             row += [_pair(results, f"{key} {train}"), stated]
-        runs = [results[f"{key} {train}"] for train in LAGGED_TRAINS]
+        runs = [results[f"{key} {train}"] for train in cases.LAGGED_TRAINS]
         low = min(run.summary["coupler_buff_max_kn"] for run in runs)
         high = max(run.summary["coupler_draft_max_kn"] for run in runs)
         rows.append((*row, f"{low:.0f} ... {high:+.0f}", f"{max(variation(run) for run in runs):.1f}"))
@@ -217,7 +207,7 @@ def _lagged_rows(results: Results) -> list[tuple[Any, ...]]:
 PAPER = Paper(
     number="000",
     title="heavy-haul train, multi-mass model, RBFNN sliding mode and disturbance observer",
-    cases=CASES,
+    cases=cases.CASES,
     claims=[*checks.CLAIMS, *lag_checks.CLAIMS],
     figures=draw,
     tables=(
@@ -231,12 +221,12 @@ PAPER = Paper(
             "row: the independent figures are of another law on that prediction)",
             (
                 "law",
-                *(text for label, _ in LAGGED_TRAINS.values() for text in (label, "independent")),
+                *(text for label, _ in cases.LAGGED_TRAINS.values() for text in (label, "independent")),
                 "couplers",
                 "kN/s",
             ),
             _lagged_rows,
         ),
-        printed_forms_table(PRINTED_FORMS),
+        printed_forms_table(cases.PRINTED_FORMS),
     ),
 )

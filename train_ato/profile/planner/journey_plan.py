@@ -10,20 +10,11 @@ import numpy as np
 
 from plant_sim.line import Line
 from train_ato.messages.types import Array
+from train_ato.profile.planner import time_windows
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
 from train_ato.profile.planner.passes import traction_floor
 from train_ato.profile.planner.section import PlanSection
-from train_ato.profile.planner.time_windows import (
-    WINDOW_TOLERANCE,
-    Lateness,
-    Leg,
-    TimedPlace,
-    WindowSearch,
-    fastest_times,
-    lateness_at,
-    timed_place,
-)
 from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
@@ -77,8 +68,8 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
             raise ValueError(f"timing point {point.label} lies beyond line '{line.name}' ({line.extent}); move it")
     window = points[0].departure or TimeWindow()
     time = max(window.earliest or 0.0, inputs.settings.departure or 0.0)
-    if window.latest is not None and time > window.latest + WINDOW_TOLERANCE:
-        raise ValueError(str(Lateness(points[0].label, "departure", window.latest, time)))
+    if window.latest is not None and time > window.latest + time_windows.WINDOW_TOLERANCE:
+        raise ValueError(str(time_windows.Lateness(points[0].label, "departure", window.latest, time)))
     start = JourneyStart(time, points[0].at)
     result, late = JourneyPlanner(inputs, line, points[1:], start, period).plan()
     if late is not None:
@@ -93,10 +84,13 @@ class JourneyPlanner:
         self, inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], start: JourneyStart, period: float
     ) -> None:
         self._inputs, self._line, self._points, self._start, self._period = inputs, line, points, start, period
-        self._places = [TimedPlace(start.place, 0.0, np.inf), *(timed_place(point, points[-1]) for point in points)]
+        self._places = [
+            time_windows.TimedPlace(start.place, 0.0, np.inf),
+            *(time_windows.timed_place(point, points[-1]) for point in points),
+        ]
         self._legs = self._sections()
 
-    def plan(self, *, fastest_if_late: bool = False) -> tuple[Plan, Lateness | None]:
+    def plan(self, *, fastest_if_late: bool = False) -> tuple[Plan, time_windows.Lateness | None]:
         """Return the plan of least net energy, and the first window that it does not keep.
 
         Parameters
@@ -111,7 +105,7 @@ class JourneyPlanner:
             If there is no solution, or a window is too late or a speed too high for this train.
         """
         fastest = self._assembled([MINIMUM_TIME] * len(self._legs))
-        possible = fastest_times(self._legs, self._places, self._start.time)
+        possible = time_windows.fastest_times(self._legs, self._places, self._start.time)
         late = self._first_late(possible)
         if late is not None and not fastest_if_late:
             return fastest, late
@@ -127,7 +121,7 @@ class JourneyPlanner:
                 )
                 for place, move, earliest in zip(self._places, moved, possible, strict=True)
             ]
-            search = WindowSearch(self._legs, places, self._start.time, floors)
+            search = time_windows.WindowSearch(self._legs, places, self._start.time, floors)
             strategies, _ = search.solve()
             result = self._assembled(strategies)
             reached = self._reached(result)
@@ -139,7 +133,7 @@ class JourneyPlanner:
             return fastest, late
         raise ValueError(problem)
 
-    def _sections(self) -> list[Leg]:
+    def _sections(self) -> list[time_windows.Leg]:
         """Return the sections between the stops with their largest speeds at timing points."""
         start, legs, first = self._start, [], 0
         for number, point in enumerate(self._points, start=1):
@@ -153,7 +147,7 @@ class JourneyPlanner:
                 ceiling=self._ceiling(passed, self._places[first].place, point.at),
                 accept_overspeed=first == 0 and start.speed > 0,
             )  # fmt: skip
-            legs.append(Leg(section, first, number))
+            legs.append(time_windows.Leg(section, first, number))
             first = number
         return legs
 
@@ -170,7 +164,7 @@ class JourneyPlanner:
             speeds[np.abs(places - at) <= reach] = np.minimum(speeds[np.abs(places - at) <= reach], most)
         return places, speeds
 
-    def _floor(self, leg: Leg) -> tuple[Array, Array] | None:
+    def _floor(self, leg: time_windows.Leg) -> tuple[Array, Array] | None:
         """Return places [m] and least v²/2 [m²/s²] for the least speeds within a leg; None without one."""
         section = leg.section
         grid, tables, settings = section.grid, section.tables, self._inputs.settings
@@ -213,19 +207,19 @@ class JourneyPlanner:
             times[k] = departure if k < len(self._places) - 1 else arrival
         return np.asarray(times)
 
-    def _first_late(self, times: Array) -> Lateness | None:
+    def _first_late(self, times: Array) -> time_windows.Lateness | None:
         """Return the first window whose latest time is before the earliest possible one."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
-            if time > place.latest + WINDOW_TOLERANCE:
-                return lateness_at(point, place, time, is_last=point is self._points[-1])
+            if time > place.latest + time_windows.WINDOW_TOLERANCE:
+                return time_windows.lateness_at(point, place, time, is_last=point is self._points[-1])
         return None
 
     def _missed(self, result: Plan, times: Array, *, late_accepted: bool) -> str | None:
         """Return the first missed window of a plan in one line; None if it keeps all."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
-            if time > place.latest + WINDOW_TOLERANCE and not late_accepted:
-                return str(lateness_at(point, place, time, is_last=point is self._points[-1]))
-            if time < place.earliest - WINDOW_TOLERANCE:
+            if time > place.latest + time_windows.WINDOW_TOLERANCE and not late_accepted:
+                return str(time_windows.lateness_at(point, place, time, is_last=point is self._points[-1]))
+            if time < place.earliest - time_windows.WINDOW_TOLERANCE:
                 return (
                     f"timing point {point.label}: earliest time {place.earliest:.1f} s cannot be kept, the train is "
                     f"there at {time:.1f} s; reduce it or add a stop before"

@@ -19,16 +19,7 @@ from typing import TYPE_CHECKING
 from train_ato.log.compression import add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import EXTERNAL, Role
-from train_ato.program.arguments import (
-    BAD_INPUT,
-    OneLineParser,
-    add_followed,
-    add_no_lockstep,
-    add_option,
-    add_rate,
-    prepare_streams,
-    rate_of,
-)
+from train_ato.program import arguments
 from train_ato.program.interrupt import Interrupt, no_silent_exit
 from train_ato.ros import missing_ros, require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
@@ -50,8 +41,8 @@ LEAVING_S = 10.0
 
 
 def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
-    parser = OneLineParser(prog=f"{role.value}_node", description=f"Node {role.value} of a train_ato graph.")
-    add = partial(add_option, parser)
+    parser = arguments.OneLineParser(prog=f"{role.value}_node", description=f"Node {role.value} of a train_ato graph.")
+    add = partial(arguments.add_option, parser)
     add("--scenario SCENARIO[:VARIANT]", "shipped name or a file", required=True)
     add("--set A.B=V", "change one key of the scenario", action="append")
     # for `run --processes`: end the run when standard input is closed, report on standard output, leave the summary
@@ -65,12 +56,12 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
         choices=[other for other in EXTERNAL if other not in (role.value, *besides)],
     )
     if role is Role.PLANT:
-        add_rate(parser)
-        add_no_lockstep(parser)
+        arguments.add_rate(parser)
+        arguments.add_no_lockstep(parser)
         add("--timeout S", "wall time without an answer after which the run fails")
         add("--recorded", "do not begin without a recorder")
         add("--resets", argparse.SUPPRESS)  # `run` begins the run again
-        add_followed(parser)
+        arguments.add_followed(parser)
     if role is Role.RECORDER:
         add("--out DIR", "folder of the log", required=True)
         add_compression(parser)
@@ -101,7 +92,7 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     int
         Exit status: 0 done, 1 failed, 2 bad input.
     """
-    prepare_streams()
+    arguments.prepare_streams()
     options = _arguments(role, words)
     try:
         domain_of_environment()
@@ -109,7 +100,7 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
         os.environ.update(middleware())
     except ValueError as error:
         sys.stderr.write(f"{role.value}: {error}\n")
-        return BAD_INPUT
+        return arguments.BAD_INPUT
     if opened and not options.attached:
         sys.stderr.write(f"{role.value}: other hosts may join this run ({opened})\n")
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
@@ -137,7 +128,7 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
         if isinstance(error, ImportError) and without is None:
             raise
         sys.stderr.write(f"{role.value}: {' '.join((without or str(error)).split())}\n")
-        return BAD_INPUT
+        return arguments.BAD_INPUT
 
 
 def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int | None) -> None:
@@ -152,7 +143,7 @@ def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int
 def _check_parameters(options: argparse.Namespace, endpoints: NodeEndpoints) -> None:
     """Refuse an option of the plant whose parameter has another value."""
     given = {
-        "--rate": None if options.rate is None else rate_of(options) or 0.0,
+        "--rate": None if options.rate is None else arguments.rate_of(options) or 0.0,
         "--timeout": options.timeout,
         "--no-lockstep": None if options.lockstep else False,
         "--scenario": options.scenario,
@@ -184,7 +175,7 @@ def _run(
     if role is Role.SUPERVISOR and not setup.layout.supervised:
         raise ValueError(f"{options.scenario}: the run has no supervision; set supervision.enabled: true")
     given = {key: value for key, value in vars(options).items() if key in OF_GRAPH}
-    rate = (rate_of(options) if role is Role.PLANT else None) or 0.0
+    rate = (arguments.rate_of(options) if role is Role.PLANT else None) or 0.0
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
         try:

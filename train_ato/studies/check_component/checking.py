@@ -22,17 +22,7 @@ from train_ato.control.registry import (
     load_class,
     preview_fault,
 )
-from train_ato.studies.check_component.contract_tests import (
-    COMPENSATION_TESTS,
-    LAW_TESTS,
-    OBSERVER_TESTS,
-    TOO_SLOW,
-    CompensationRig,
-    LawRig,
-    ObserverRig,
-    Rig,
-    Test,
-)
+from train_ato.studies.check_component import contract_tests
 from train_ato.studies.check_component.random_trips import random_trips, trips_text
 from train_ato.studies.check_component.trains import PERIOD
 
@@ -72,15 +62,19 @@ class ComponentKind:
     noun: str
     registry: Registry
     optional: tuple[str, ...]
-    rig: Callable[[str], Rig]
-    tests: dict[str, Test]
+    rig: Callable[[str], contract_tests.Rig]
+    tests: dict[str, contract_tests.Test]
 
 
 KINDS = {
-    "law": ComponentKind("a law", LAWS, ("on_missed_sample",), LawRig, LAW_TESTS),
-    "observer": ComponentKind("an observer", OBSERVERS, (), ObserverRig, OBSERVER_TESTS),
+    "law": ComponentKind("a law", LAWS, ("on_missed_sample",), contract_tests.LawRig, contract_tests.LAW_TESTS),
+    "observer": ComponentKind("an observer", OBSERVERS, (), contract_tests.ObserverRig, contract_tests.OBSERVER_TESTS),
     "compensation": ComponentKind(
-        "a compensation", COMPENSATIONS, ("set_brake_policy", "on_command_sent"), CompensationRig, COMPENSATION_TESTS
+        "a compensation",
+        COMPENSATIONS,
+        ("set_brake_policy", "on_command_sent"),
+        contract_tests.CompensationRig,
+        contract_tests.COMPENSATION_TESTS,
     ),
 }
 """Kinds of component; ``train-ato check-KIND`` tests one."""
@@ -230,7 +224,9 @@ def _misshapen(component: Any, kind: ComponentKind) -> str:
     return preview_fault(component) if kind.registry is LAWS else ""
 
 
-def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iterator[Finding]:
+def _on_train(
+    make: Callable[[], Any], rig: contract_tests.Rig, tests: dict[str, contract_tests.Test]
+) -> Iterator[Finding]:
     """Run the tests on one train; after a timing slower than the control period the others are skipped."""
     for test, run in tests.items():
         try:
@@ -240,5 +236,5 @@ def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iter
         except BaseException as error:  # as in a run
             passed, detail = False, f"raised {text_of_error(error)}"
         yield Finding(rig.name, test, passed, detail)
-        if detail.startswith(TOO_SLOW):
+        if detail.startswith(contract_tests.TOO_SLOW):
             return

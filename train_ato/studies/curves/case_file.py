@@ -16,20 +16,11 @@ from plant_sim.data_text import parse_json
 from plant_sim.input_error import build_model, kind_of
 from plant_sim.si_model import SiModel
 from plant_sim.units import KMH
+from train_ato.supervision import train_model
 from train_ato.supervision.limits import BrakingTarget, TargetLimits, release_speed, release_start, trip_location
 from train_ato.supervision.odometry import MotionEstimate, odometer_error
 from train_ato.supervision.settings import FixedValues
 from train_ato.supervision.step_function import StepFunction, gradient_acceleration
-from train_ato.supervision.train_model import (
-    BrakeModel,
-    BrakePosition,
-    SupervisedTrain,
-    basic_deceleration,
-    check_conversion,
-    gamma_brake,
-    lambda_brake,
-    passenger_kv_int,
-)
 
 MAX_STEPS = 100
 """Largest number of steps of a list; the standard has at most seven."""
@@ -56,7 +47,7 @@ class CurveInputs(SiModel):
     """Block ``inputs`` of a case; speeds in km/h, lengths in m, times in s, gradients in ‰, > 0 uphill."""
 
     model: Literal["gamma", "lambda"]
-    brake_position: BrakePosition
+    brake_position: train_model.BrakePosition
     length_m: float = Field(gt=0, le=1e5)
     max_speed_kmh: float = Field(gt=0, le=600)
     mrsp_kmh: float | None = Field(None, gt=0, le=600, description="speed limit before the target; default: max_speed")
@@ -158,7 +149,7 @@ class CurveInputs(SiModel):
             self.T_warning, self.T_driver, self.M_rotating_max, self.M_rotating_min, self.indication_driver_time_twice
         )
 
-    def train(self) -> SupervisedTrain:
+    def train(self) -> train_model.SupervisedTrain:
         """Return the train data.
 
         Raises
@@ -166,7 +157,7 @@ class CurveInputs(SiModel):
         ValueError
             If the conversion model is not applicable to a lambda train.
         """
-        return SupervisedTrain(
+        return train_model.SupervisedTrain(
             length=self.length_m,
             max_speed=self.max_speed_kmh / KMH,
             brake=self._lambda() if self.model == "lambda" else self._gamma(),
@@ -177,16 +168,16 @@ class CurveInputs(SiModel):
             t_traction_cut_off=self.t_traction_cutoff_s,
         )
 
-    def _lambda(self) -> BrakeModel:
+    def _lambda(self) -> train_model.BrakeModel:
         assert self.brake_percentage is not None
         max_speed = self.max_speed_kmh / KMH
-        check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
+        train_model.check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
         kv_int = _over_speed(self.Kv_int, 1.0)
         if self.Kv_int_b is not None:
-            largest = basic_deceleration(self.brake_percentage).largest_up_to(max_speed)
+            largest = train_model.basic_deceleration(self.brake_percentage).largest_up_to(max_speed)
             upper = _over_speed(self.Kv_int_b, 1.0)
-            kv_int = passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
-        return lambda_brake(
+            kv_int = train_model.passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
+        return train_model.lambda_brake(
             self.brake_percentage,
             self.brake_position,
             self.length_m,
@@ -196,9 +187,9 @@ class CurveInputs(SiModel):
             kt_int=1.0 if self.Kt_int is None else self.Kt_int,
         )
 
-    def _gamma(self) -> BrakeModel:
+    def _gamma(self) -> train_model.BrakeModel:
         assert self.T_brake_emergency is not None
-        return gamma_brake(
+        return train_model.gamma_brake(
             _over_speed(self.A_brake_emergency, 0.0),
             self.T_brake_emergency,
             None if self.A_brake_service is None else _over_speed(self.A_brake_service, 0.0),

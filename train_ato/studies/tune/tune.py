@@ -16,6 +16,7 @@ from train_ato.log.whole_file import writing
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.dimensions import Dimension
 from train_ato.studies.sweep.row import data_hash, scenario_hash
+from train_ato.studies.tune import objective
 from train_ato.studies.tune.gain_space import (
     HELD_OUT,
     NO_SPEC,
@@ -29,16 +30,6 @@ from train_ato.studies.tune.gain_space import (
     gain_tasks,
     lost_run,
     read_tune_spec,
-)
-from train_ato.studies.tune.objective import (
-    CmaOptimizer,
-    GainOptimizer,
-    GainScore,
-    MakeOptimizer,
-    check_optimizer,
-    read_weights,
-    scales_of,
-    score_of_run,
 )
 from train_ato.studies.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 
@@ -65,9 +56,9 @@ class GainCandidate:
     scores: tuple[float, ...]
 
     @property
-    def score(self) -> GainScore:
+    def score(self) -> objective.GainScore:
         """Mean and worst score."""
-        return GainScore.of(self.scores)
+        return objective.GainScore.of(self.scores)
 
 
 RunWorks = Callable[[Sequence[Work]], list[dict[str, Any]]]
@@ -110,12 +101,14 @@ class GainSearch:
         found: list[GainCandidate] = []
         for gains in generation:
             rows = metrics.get(_key(gains)) or known[_key(gains)].metrics
-            scores = tuple(score_of_run(row, scale, self.weights) for row, scale in zip(rows, self.scales, strict=True))
+            scores = tuple(
+                objective.score_of_run(row, scale, self.weights) for row, scale in zip(rows, self.scales, strict=True)
+            )
             found.append(GainCandidate(len(self.candidates) + len(found), gains, rows, scores))
         self.candidates += found
         return found
 
-    def advance(self, optimizer: GainOptimizer) -> list[GainCandidate]:
+    def advance(self, optimizer: objective.GainOptimizer) -> list[GainCandidate]:
         """Evaluate the next generation of the optimizer and return its candidates."""
         points = optimizer.ask()
         found = self.evaluate([self.space.gains_at(point) for point in points])
@@ -196,7 +189,7 @@ class TunePlan:
 
     def execute(
         self,
-        make: MakeOptimizer,
+        make: objective.MakeOptimizer,
         seed: int,
         jobs: int,
         shown: bool | None,
@@ -275,7 +268,7 @@ class TunePlan:
                 raise RunFailed(
                     f"{task.label}: the run with law '{task.choice.checked.law}' of the scenario failed: {reason}"
                 )
-            scales.append(scales_of(task.choice.checked.criteria, metrics))
+            scales.append(objective.scales_of(task.choice.checked.criteria, metrics))
         return scales
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
@@ -308,7 +301,7 @@ class TunePlan:
             for gains in (INITIAL, TUNED):
                 if place < len(metrics[gains]):
                     row = metrics[gains][place]
-                    score = score_of_run(row, scales[number], self.weights)
+                    score = objective.score_of_run(row, scales[number], self.weights)
                     found.append(result_row(task.label, task.part, gains, row, score))
         return found
 
@@ -371,7 +364,7 @@ def tune(
     search_seed: int = 1,
     out: str | Path | None = None,
     progress: bool | None = None,
-    optimizer: MakeOptimizer = CmaOptimizer,
+    optimizer: objective.MakeOptimizer = objective.CmaOptimizer,
 ) -> TuneResult:
     """Search for the gains of a law with the best runs of one or more scenarios.
 
@@ -432,8 +425,8 @@ def tune(
     >>> tuned.score("tuned").objective <= tuned.score("initial").objective
     True
     """
-    if optimizer is CmaOptimizer:
-        check_optimizer()
+    if optimizer is objective.CmaOptimizer:
+        objective.check_optimizer()
     spec = NO_SPEC if over is None else read_tune_spec(over)
     given = [scenario] if not isinstance(scenario, Sequence) or isinstance(scenario, str) else list(scenario)
     choices = [choose_scenario(name).changed(set, None) for name in given]
@@ -446,7 +439,7 @@ def tune(
         tasks += gain_tasks(choices, law, HELD_OUT, held_out_seeds, **parts)
     tasks += gain_tasks(outside, law, HELD_OUT, [*(seeds or ()), *held_out_seeds], **parts)
     put_components(choices[0].checked, importable=jobs > 1, changes=set, law=law, **parts)  # checks them
-    checked = read_weights([f"{key}={weight}" for key, weight in (weights or {}).items()], "weights")
+    checked = objective.read_weights([f"{key}={weight}" for key, weight in (weights or {}).items()], "weights")
     plan = TunePlan(tasks, choices[0], checked, parameters, spec, runs)
     if not 1 <= jobs <= MAX_JOBS:
         raise ValueError(f"jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
