@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from msgs_docs.generate.rows import read_rows
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.gains import PRINTED
-from train_ato.control.registry import COMPENSATIONS, LAWS
+from train_ato.control.registry import LAWS
 from train_ato.judge.ranking import rank_of, standings
 from train_ato.papers.claims import Case, printed
 from train_ato.program.arguments import declare_options
@@ -34,43 +33,6 @@ COMPONENTS = {component.key: component for component in components()}
 CASES = {command(case): case for entry in COMPONENTS.values() for case in demo_of(entry.kind, entry.name).runs.values()}
 MEASURED = read_rows(command_line.MEASURED)
 MAX_PNG = 60_000
-
-
-SHIPPED = {
-    "hxd1_c80_105": "demo", "xuzhou_metro_3": "xuzhou_metro", "crh380a_one_mass": "crh380a_funnel:short",
-    "crh380a_three_units": "crh380a_gpc:short", "freight_five": "freight_consensus:realistic",
-}  # fmt: skip
-"""Shipped trains with a scenario of each."""
-
-
-def rejected_by_the_pages(train: str, folder: str) -> dict[tuple[str, str], str]:
-    """Return the pairs of law and compensation that the pages of laws or compensations reject on a train: reason."""
-    found = {}
-    for page in (
-        FOLDER / f"{entry.name}.md" for entry in COMPONENTS.values() if entry.kind == folder and entry.name != "none"
-    ):
-        lines = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("Rejected with ")]
-        for line in lines:
-            names, _, reason = line.partition(": ")
-            for other, trains in re.findall(r"`(\w+)`(?: \(on ([^)]*)\))?", names):
-                if not trains or f"`{train}`" in trains:
-                    found[(page.stem, other) if folder == "law" else (other, page.stem)] = reason.rstrip(".")
-    return found
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("train", SHIPPED)
-def test_the_pages_reject_what_a_run_refuses_with_its_reason(train: str) -> None:
-    """Breaks if a page names a pair that runs, leaves out one that is refused, or gives another reason."""
-    refused = {}
-    for law in LAWS.loadable():
-        for name in COMPENSATIONS.loadable():
-            try:
-                setup_of(SHIPPED[train], changes={"law": law, "compensation": name})
-            except ValueError as error:
-                refused[law, name] = str(error).partition(f"with compensation '{name}': ")[2].replace(f"'{name}'", "it")
-    assert rejected_by_the_pages(train, "law") == refused
-    assert rejected_by_the_pages(train, "compensation").keys() == refused.keys()
 
 
 def test_every_generated_file_is_that_of_the_code(capsys: pytest.CaptureFixture[str]) -> None:
