@@ -6,24 +6,10 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 
+import law_trains as lt
 import numpy as np
 import pytest
 from engine_runs import setup_of
-from law_trains import (
-    FIVE,
-    HAULED,
-    HILLY,
-    LEVEL,
-    LOCOMOTIVE,
-    SINGLE,
-    WAGON,
-    asked,
-    consist,
-    measured,
-    model,
-    profile,
-    stack,
-)
 from plant_trains import line_of
 
 from train_ato.cli import main
@@ -42,8 +28,8 @@ def run(control, of, along, count, error=0.0, start=0, spoil=lambda k, seen: see
     """Run a train along the reference with a speed error and spoilt inputs; return forces and the last pressure."""
     forces, pressure = [], None
     for k in range(start, start + count):
-        reference, estimate = asked(of, along, k * TICK)
-        seen = measured(of, k * TICK, reference.position, reference.velocity + error, 0.0)
+        reference, estimate = lt.asked(of, along, k * TICK)
+        seen = lt.measured(of, k * TICK, reference.position, reference.velocity + error, 0.0)
         force, pressure = control.step(spoil(k, seen), reference, estimate)
         forces.append(force)
     return np.array(forces), pressure
@@ -51,8 +37,8 @@ def run(control, of, along, count, error=0.0, start=0, spoil=lambda k, seen: see
 
 def test_feedforward_is_newtons_law_on_the_hill():
     """M a + R(v) + grade over the whole run; breaks if a term is missing or the table of the line is shifted."""
-    of, along = model(SINGLE, HILLY), profile()
-    forces, _ = run(stack(of, along=along), of, along, 1500)
+    of, along = lt.model(lt.SINGLE, lt.HILLY), lt.profile()
+    forces, _ = run(lt.stack(of, along=along), of, along, 1500)
     k = np.arange(1500)
     expected = [of.rigid_force(along.position[i], along.velocity[i], along.acceleration[i]) for i in k]
     assert forces[:, 0] == pytest.approx(np.array(expected), abs=1e-6 * 80e3)
@@ -61,9 +47,9 @@ def test_feedforward_is_newtons_law_on_the_hill():
 
 def test_preview_inverts_delay_and_lag():
     """Through 0.8 s of delay and 0.4 s of lag, the force of the preview arrives as the needed force."""
-    of, along = model(SINGLE, LEVEL, delay=0.8, lag=0.4), profile()
-    needed, _ = run(stack(of, along=along), of, along, 1400)
-    sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1400)
+    of, along = lt.model(lt.SINGLE, lt.LEVEL, delay=0.8, lag=0.4), lt.profile()
+    needed, _ = run(lt.stack(of, along=along), of, along, 1400)
+    sent, _ = run(lt.stack(of, compensation="preview", along=along), of, along, 1400)
     acting, now = np.zeros(1400), float(needed[8, 0])
     keep = np.exp(-0.1 / 0.4)
     for k in range(8, 1400):
@@ -76,9 +62,9 @@ def test_preview_inverts_delay_and_lag():
 
 def test_delay_by_the_sign_of_the_command():
     """A braking unit uses its brake delay, a driving unit its traction delay."""
-    of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
-    sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1700)
-    needed = np.append(run(stack(of, along=along), of, along, 1700)[0][:, 0], np.zeros(20))
+    of, along = lt.model(lt.SINGLE, lt.LEVEL, delay=1.0, delay_brake=0.5), lt.profile()
+    sent, _ = run(lt.stack(of, compensation="preview", along=along), of, along, 1700)
+    needed = np.append(run(lt.stack(of, along=along), of, along, 1700)[0][:, 0], np.zeros(20))
     pulling, braking = slice(10, 300), slice(1500, 1600)
     assert sent[pulling, 0] == pytest.approx(needed[20:310], abs=1.0)
     assert sent[braking, 0] == pytest.approx(needed[1505:1605], abs=1.0) and needed[1505] < -1e3
@@ -88,12 +74,12 @@ def test_delay_by_the_sign_of_the_command():
 @pytest.mark.parametrize("field", ["position", "velocity", "applied"])
 def test_an_invalid_measurement_repeats_the_last_command(wrong, field):
     """Breaks if a NaN, an infinity or an impossible value reaches the law, or the law does not continue afterwards."""
-    of, along = model(FIVE), profile()
-    control, other = stack(of, along=along), stack(of, along=along)
+    of, along = lt.model(lt.FIVE), lt.profile()
+    control, other = lt.stack(of, along=along), lt.stack(of, along=along)
     before, _ = run(control, of, along, 50)
     run(other, of, along, 50)
-    reference, estimate = asked(of, along, 50 * TICK)
-    good = measured(of, 50 * TICK, reference.position, reference.velocity, 0.0)
+    reference, estimate = lt.asked(of, along, 50 * TICK)
+    good = lt.measured(of, 50 * TICK, reference.position, reference.velocity, 0.0)
     bad = dataclasses.replace(good, **{field: np.where(np.arange(5) == 2, wrong, getattr(good, field))})
     held, _ = control.step(bad, reference, estimate)
     assert (held == before[-1]).all()
@@ -105,16 +91,16 @@ def test_an_invalid_measurement_repeats_the_last_command(wrong, field):
 
 def test_output_stays_inside_the_limits_at_the_present_speed():
     """An error of 9 m/s demands far more than 400 kN."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, parameters={"kp": 5.0}, along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, parameters={"kp": 5.0}, along=along)
     forces, _ = run(control, of, along, 100, error=-9.0)
     assert forces.max() == 400e3 and int(control.diagnostics()["saturated_steps"]) > 50
 
 
 def test_a_change_of_the_law_begins_at_the_last_command_and_keeps_the_jerk_of_the_profile():
     """Breaks if the first output is another one, a tick exceeds jerk x inertia x tick, or the law is not reached."""
-    of, along = model(SINGLE), profile()
-    control, alone = (stack(of, "pid", {"kp": kp}, along=along) for kp in (0.05, 0.8))
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control, alone = (lt.stack(of, "pid", {"kp": kp}, along=along) for kp in (0.05, 0.8))
     before, _ = run(control, of, along, 200, error=-0.4)
     run(alone, of, along, 200, error=-0.4)
     largest = np.percentile(np.abs(along.jerk())[along.jerk() != 0.0], 99) * of.inertia * of.tick
@@ -127,8 +113,8 @@ def test_a_change_of_the_law_begins_at_the_last_command_and_keeps_the_jerk_of_th
 
 def test_a_law_that_ignores_the_limits_keeps_the_bound_too():
     """Breaks if only laws of this project are limited: a user's law without a base class jumps by 200 kN."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, along=along)
     run(control, of, along, 100)
     jumping = SimpleNamespace(step=lambda seen: LawOutput(np.array([200e3 if seen.t % 0.2 < 0.1 else -200e3])))
     control._make_law = lambda *_: jumping
@@ -140,8 +126,8 @@ def test_a_law_that_ignores_the_limits_keeps_the_bound_too():
 
 def test_a_law_that_writes_into_its_limits_moves_no_limit_of_the_train():
     """Breaks if the limits of the stack are those of the inputs, or speeds of other units are read from memory."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, along=along)
 
     def writing(seen):
         seen.force_max *= 10.0
@@ -157,8 +143,8 @@ def test_a_law_that_writes_into_its_limits_moves_no_limit_of_the_train():
 
 def test_a_refused_swap_leaves_the_old_law_running():
     """Breaks if a rejected swap changes the stack."""
-    of, along = model(SINGLE), profile()
-    control, other = stack(of, along=along), stack(of, along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control, other = lt.stack(of, along=along), lt.stack(of, along=along)
     run(control, of, along, 20)
     run(other, of, along, 20)
     with pytest.raises(ValueError, match=r"pid\.kp"):
@@ -168,31 +154,31 @@ def test_a_refused_swap_leaves_the_old_law_running():
 
 def test_longer_period_holds_the_output():
     """A law at 0.5 s with a tick of 0.1 s computes in every fifth tick; 0.25 s is rejected; same inputs, same bits."""
-    of, along = model(SINGLE), profile()
-    forces, _ = run(stack(of, along=along, period=0.5), of, along, 100)
-    full, _ = run(stack(of, along=along), of, along, 100)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    forces, _ = run(lt.stack(of, along=along, period=0.5), of, along, 100)
+    full, _ = run(lt.stack(of, along=along), of, along, 100)
     assert (forces[:, 0] == np.repeat(full[::5, 0], 5)).all()
     with pytest.raises(ValueError, match=r"control_period: 0\.25 s is not a multiple of the tick 0\.1 s"):
-        stack(of, along=along, period=0.25)
-    of, along = model(FIVE, HILLY, delay=0.7, lag=0.4), profile()
-    first, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
-    second, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
+        lt.stack(of, along=along, period=0.25)
+    of, along = lt.model(lt.FIVE, lt.HILLY, delay=0.7, lag=0.4), lt.profile()
+    first, _ = run(lt.stack(of, compensation="preview", along=along), of, along, 300, 0.03)
+    second, _ = run(lt.stack(of, compensation="preview", along=along), of, along, 300, 0.03)
     assert first.tobytes() == second.tobytes()
 
 
 SHOES = {
-    "loco": LOCOMOTIVE | {"shoes": {"count": 32, "force": 6.93e3, "friction": 0.441}},
-    "wagon": WAGON | {"shoes": {"count": 8, "force": 16.18e3, "friction": 0.481}},
+    "loco": lt.LOCOMOTIVE | {"shoes": {"count": 32, "force": 6.93e3, "friction": 0.441}},
+    "wagon": lt.WAGON | {"shoes": {"count": 8, "force": 16.18e3, "friction": 0.481}},
 }
-BRAKED = consist(SHOES, [("loco", 1), ("wagon", 4)], {"kind": "linear", "stiffness": 20e6}, air_brake={})
+BRAKED = lt.consist(SHOES, [("loco", 1), ("wagon", 4)], {"kind": "linear", "stiffness": 20e6}, air_brake={})
 
 
 def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
     """50 kPa at 40 s: demand of 550 kPa, and a locomotive force reduced by that of the shoes."""
-    of, along = model(BRAKED), profile()
+    of, along = lt.model(BRAKED), lt.profile()
     spec = BrakeSpec.model_validate({"policy": "planned", "events": [{"time": 40.0, "reduction_kpa": 50}]})
-    braked, pressure = run(stack(of, along=along, brake=spec), of, along, 800)
-    free, charged = run(stack(of, along=along), of, along, 800)
+    braked, pressure = run(lt.stack(of, along=along, brake=spec), of, along, 800)
+    free, charged = run(lt.stack(of, along=along), of, along, 800)
     assert (pressure, charged) == (550e3, 600e3) and (braked[:400] == free[:400]).all()
     speed = 3.6 * along.velocity[799]
     full = (
@@ -211,7 +197,7 @@ def test_brake_rules_of_paper_000():
     """Applied above 60 km/h before four steep pieces, released 10 km/h lower, not within 160 s, not without a pipe."""
     falls = [{"at": 5000 + 600 * i, "grade": -0.009 - 0.0005 * (i % 2)} for i in range(12)]
     line = line_of(40e3, grades=[*falls, {"at": 12200, "grade": 0.0}])
-    of = model(BRAKED, line)
+    of = lt.model(BRAKED, line)
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, line)
     assert policy.step(0.0, 4000.0, 59 / 3.6) == 600e3
     assert policy.step(1.0, 4600.0, 70 / 3.6) == 600e3
@@ -220,7 +206,7 @@ def test_brake_rules_of_paper_000():
     assert policy.step(40.0, 5600.0, 60.4 / 3.6) == 600e3
     assert policy.step(161.0, 6190.0, 70 / 3.6) == 600e3
     assert policy.step(162.0, 6190.0, 70 / 3.6) == 550e3
-    of = model(HAULED)
+    of = lt.model(lt.HAULED)
     with pytest.raises(ValueError, match=r"the consist has no air_brake; set brake\.policy: none"):
         make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, of.line)
 
@@ -292,8 +278,8 @@ def _laws(monkeypatch: pytest.MonkeyPatch) -> None:
 )  # fmt: skip
 def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
     """Breaks if the last force is held for ever, or the line lacks the law or the count."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, law, along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, law, along=along)
     forces, _ = run(control, of, along, first + 10)
     assert (forces[first:] == (forces[first - 1] if first else 0.0)).all()
     assert control.diagnostics()["held_steps"] == "10" and control.hold.in_a_row
@@ -303,10 +289,10 @@ def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
 
 def test_less_than_the_limit_is_counted_and_tolerated():
     """Nine invalid steps: the law continues with the tenth, and the count of the next gap starts at 0."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, "brief", along=along)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, "brief", along=along)
     forces, _ = run(control, of, along, 200)
-    usual, _ = run(stack(of, "pid", along=along), of, along, 200)
+    usual, _ = run(lt.stack(of, "pid", along=along), of, along, 200)
     assert (forces[50:59] == forces[49]).all() and (forces[59:] == usual[59:]).all()
     assert control.diagnostics()["held_steps"] == "9" and not control.hold.in_a_row
 
@@ -314,13 +300,13 @@ def test_less_than_the_limit_is_counted_and_tolerated():
 @pytest.mark.parametrize("gap", [1, 9])
 def test_a_gap_in_the_measurement_is_tolerated_and_a_lost_sensor_is_not(gap):
     """NaN speeds for up to 0.9 s are counted; for ever the run fails and names the measurement."""
-    of, along = model(SINGLE), profile()
+    of, along = lt.model(lt.SINGLE), lt.profile()
 
     def spoil(k, seen):
         seen.velocity[:] = math.nan if 50 <= k < 50 + gap or k >= 100 else seen.velocity
         return seen
 
-    control = stack(of, along=along)
+    control = lt.stack(of, along=along)
     run(control, of, along, 100, spoil=spoil)
     assert control.diagnostics()["held_steps"] == control.diagnostics()["unsound_measurements"] == str(gap)
     with pytest.raises(RunFailed, match="no valid measurement of the power units in 10 consecutive steps"):
@@ -329,10 +315,10 @@ def test_a_gap_in_the_measurement_is_tolerated_and_a_lost_sensor_is_not(gap):
 
 def test_a_dead_coupler_sensor_is_named():
     """The state is valid, the coupler force of `smc` is not: the guard names the input."""
-    of, along = model(HAULED, sensors=(0,)), profile(pull=0.1)
-    control = stack(of, "smc", along=along)
-    reference, estimate = asked(of, along, 0)
-    seen = measured(of, 0, reference.position, reference.velocity, 0.0)
+    of, along = lt.model(lt.HAULED, sensors=(0,)), lt.profile(pull=0.1)
+    control = lt.stack(of, "smc", along=along)
+    reference, estimate = lt.asked(of, along, 0)
+    seen = lt.measured(of, 0, reference.position, reference.velocity, 0.0)
     seen.force[:] = math.nan
     for _ in range(10):
         control.step(seen, reference, estimate)
@@ -342,8 +328,8 @@ def test_a_dead_coupler_sensor_is_named():
 
 def test_a_slow_law_is_allowed_three_steps():
     """At a period of 2 s one NaN exceeds the limit of 1 s: three steps are allowed."""
-    of, along = model(SINGLE), profile()
-    control = stack(of, "short", along=along, period=2.0)
+    of, along = lt.model(lt.SINGLE), lt.profile()
+    control = lt.stack(of, "short", along=along, period=2.0)
     run(control, of, along, 41)
     with pytest.raises(RunFailed, match=r"in 3 consecutive steps \(6 s, hold_limit\)"):
         run(control, of, along, 1)

@@ -8,14 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, printed_law, profile, stack
 
+from train_ato.control.algorithms import predictive_law
 from train_ato.control.algorithms.coupled_units import matrix_exponential
-from train_ato.control.algorithms.predictive_law import (
-    Increments,
-    ResidualNetwork,
-    diophantine,
-    response_and_past,
-    sampled_actuator,
-)
 from train_ato.control.algorithms.sliding import RBF_CENTERS, move_weights, sig, weighted
 from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import Preview
@@ -412,8 +406,8 @@ def multiply(p, q, length):
 def test_diophantine_identity(a, b, horizon):
     """(13), (14) for every j: E_j A + z^-j F_j = 1 and G_j + z^-j H_j = E_j B, coefficient by coefficient."""
     a, b = np.array([1.0, *a]), np.array(b)
-    e, f = diophantine(a, horizon)
-    g, h = response_and_past(e, b, horizon)
+    e, f = predictive_law.diophantine(a, horizon)
+    g, h = predictive_law.response_and_past(e, b, horizon)
     for j in range(1, horizon + 1):
         size = j + 3
         one = multiply(e[:j], a, size) + np.concatenate((np.zeros(j), f[j - 1]))
@@ -425,7 +419,7 @@ def test_diophantine_identity(a, b, horizon):
 @pytest.mark.parametrize(("delay", "lag", "period"), [(1.0, 0.4, 1.2), (0.6, 0.4, 0.4), (1.2, 0.4, 0.1)])
 def test_sampled_model_is_the_padé_plant_under_a_held_command(delay, lag, period):
     """Simulated in 20 000 steps per sample; breaks for a bilinear transform, which has a feed-through."""
-    a, b = sampled_actuator(delay, lag, period)
+    a, b = predictive_law.sampled_actuator(delay, lag, period)
     assert abs(a.sum()) < 1e-9
     commands = np.random.default_rng(1).normal(size=8)
     pole, n = 2 / delay, 20_000
@@ -454,7 +448,7 @@ def test_matrix_exponential():
 
 def best_first_command(speeds, commands, residual, target, beyond="zero"):
     """Simulate (7) for any two commands after the past, minimise (12) by least squares; return model and command."""
-    a, b = sampled_actuator(1.0, 0.4, 1.2)
+    a, b = predictive_law.sampled_actuator(1.0, 0.4, 1.2)
 
     def rollout(first, second):
         v, u, found = list(speeds), list(commands), []
@@ -483,8 +477,8 @@ def test_first_command_minimises_the_cost(beyond):
 
 def test_identification_on_increments_finds_the_gain():
     """Plant with 0.8 of the gain and a constant force: the static gain goes from 1 to 0.8, the pole at 1 stays."""
-    a, b = sampled_actuator(1.0, 0.4, 1.2)
-    found = Increments(a, b, 0.5)
+    a, b = predictive_law.sampled_actuator(1.0, 0.4, 1.2)
+    found = predictive_law.Increments(a, b, 0.5)
     rng = np.random.default_rng(2)
     speeds, sent = [10.0] * 4, [0.0] * 4
     first = last = 0.0
@@ -503,7 +497,7 @@ def test_identification_on_increments_finds_the_gain():
 
 def test_residual_network_integrates_slowly_to_a_constant():
     """A constant residual is learnt without offset, in tens of samples and not in one."""
-    net = ResidualNetwork(6)
+    net = predictive_law.ResidualNetwork(6)
     estimates = []
     for _ in range(200):
         net.learn(0.05, 0.15)

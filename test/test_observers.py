@@ -2,28 +2,12 @@
 
 import math
 
+import law_trains as lt
 import numpy as np
 import pytest
 from engine_runs import setup_of
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import (
-    FIVE,
-    HAULED,
-    HILLY,
-    LEVEL,
-    LOCOMOTIVE,
-    PUSHED,
-    SINGLE,
-    SPRING,
-    WAGON,
-    asked,
-    consist,
-    measured,
-    model,
-    profile,
-    stack,
-)
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
@@ -43,7 +27,7 @@ def observe(observer, of, speeds, applied, period, **more):
     """Run an observer over speeds and forces; return the estimates."""
     found = []
     for k, (speed, force) in enumerate(zip(speeds, applied, strict=True)):
-        seen = measured(of, round(k * period * 1e9), 0.0, speed, force)
+        seen = lt.measured(of, round(k * period * 1e9), 0.0, speed, force)
         found.append(float(observer.step(ObserverInput.of(seen, **more))[0]))
     return np.array(found)
 
@@ -51,7 +35,7 @@ def observe(observer, of, speeds, applied, period, **more):
 @given(omega=st.floats(0.01, 1e5), period=st.floats(0.001, 1.0), push=st.floats(-0.5, 0.5))
 def test_exact_for_any_bandwidth(omega, period, push):
     """A constant force gives 1 - exp(-omega t), for omega Tc from 1e-5 to 1e5; explicit Euler diverges above 2."""
-    of = model(SINGLE, tick=period)
+    of = lt.model(lt.SINGLE, tick=period)
     observer = OBSERVERS.make("ndo", {"omega": omega, "model_error": 0.0}, of, period)
     count = 12
     speeds, force = [20.0], []
@@ -66,28 +50,28 @@ def test_exact_for_any_bandwidth(omega, period, push):
 @pytest.mark.parametrize(
     ("train", "name", "parameters", "steps", "forces", "rel"),
     [
-        (FIVE, "ndo", {"scope": "train", "omega": 50.0}, 20, [8e3] * 5, 1e-3),
-        (PUSHED, "eso", {"omega": 20.0}, 40, [33.4e3] * 2, 0.01),
+        (lt.FIVE, "ndo", {"scope": "train", "omega": 50.0}, 20, [8e3] * 5, 1e-3),
+        (lt.PUSHED, "eso", {"omega": 20.0}, 40, [33.4e3] * 2, 0.01),
     ],
 )
 def test_the_balance_of_a_train_is_shared_over_the_units(train, name, parameters, steps, forces, rel):
     """400 t, and two locomotives with wagons between of 668 t, at 0.1 m/s²: the total is shared."""
-    of = model(train)
+    of = lt.model(train)
     observer = OBSERVERS.make(name, parameters, of, 0.1)
     for k in range(steps):
         speed = 10.0 + 0.01 * k
         force = of.running_resistance(speed) / of.n_units
-        out = observer.step(ObserverInput.of(measured(of, k * 100_000_000, 0.0, speed, force)))
+        out = observer.step(ObserverInput.of(lt.measured(of, k * 100_000_000, 0.0, speed, force)))
     assert out == pytest.approx(np.array(forces), rel=rel)
 
 
 def test_vehicle_scope_uses_the_coupler():
     """With the coupler force a hauled locomotive in balance has no disturbance; without it 200 kN."""
-    of = model(HAULED, sensors=(0,))
+    of = lt.model(lt.HAULED, sensors=(0,))
     observer = OBSERVERS.make("ndo", {"model_error": 0.0}, of, 0.1)
     own = float(of.own_resistance(np.array([10.0]), np.array([500.0]))[0])
     for k in range(10):
-        seen = measured(of, k * 100_000_000, 500.0, 10.0, 200e3 + own)
+        seen = lt.measured(of, k * 100_000_000, 500.0, 10.0, 200e3 + own)
         forces = seen.applied, np.array([200e3]), np.zeros(1)
         out = observer.step(ObserverInput(seen.stamp * 1e-9, seen.position, seen.velocity, *forces))
     assert abs(out[0]) < 1e-6
@@ -95,7 +79,7 @@ def test_vehicle_scope_uses_the_coupler():
 
 def test_gaps_and_invalid_samples_are_not_used():
     """A NaN changes neither the estimate nor the difference quotient of the next sample."""
-    of = model(SINGLE)
+    of = lt.model(lt.SINGLE)
     observer = OBSERVERS.make("ndo", {"omega": 1e3, "model_error": 0.0}, of, 0.1)
     force = float(of.own_resistance(np.array([10.0]), np.zeros(1))[0])
     found = observe(observer, of, [10.0, 10.0, math.nan, 1e300, 13.0, 13.0], [force] * 6, 0.1)
@@ -108,9 +92,9 @@ def test_gaps_and_invalid_samples_are_not_used():
 
 def test_observer_stack_passes_stamps_and_none_is_zero():
     """The stack keeps the stamp; without an observer the estimate is 0 N for every unit."""
-    of = model(FIVE)
+    of = lt.model(lt.FIVE)
     observer = ObserverStack(of, OBSERVERS.make("none", {}, of, 0.1), make_brake_policy(BrakeSpec(), of, of.line))
-    estimate = observer.step(measured(of, 700_000_000, 0.0, 10.0, 0.0))
+    estimate = observer.step(lt.measured(of, 700_000_000, 0.0, 10.0, 0.0))
     assert estimate.stamp == 700_000_000
     assert (estimate.force == np.zeros(5)).all()
 
@@ -159,7 +143,7 @@ def test_implicit_signs_do_not_chatter():
 @given(omega=st.floats(0.05, 1e4), period=st.floats(0.002, 0.5), push=st.floats(-1.0, 1.0))
 def test_eso_error_is_the_closed_form(omega, period, push):
     """The error is d (1 + k (1-b)) b^k, b = exp(-omega Tc): double pole, no offset, stable for any omega Tc."""
-    of = model(SINGLE, tick=period)
+    of = lt.model(lt.SINGLE, tick=period)
     eso = OBSERVERS.make("eso", {"omega": omega}, of, period)
     count = 15
     speeds, force = [20.0], [0.0]
@@ -167,7 +151,7 @@ def test_eso_error_is_the_closed_form(omega, period, push):
         speeds.append(speeds[-1] + push * period)
         own = [of.own_resistance(np.array([speed]), np.zeros(1))[0] for speed in speeds[-2:]]
         force.append(0.5 * float(own[0] + own[1]))
-    seen = [measured(of, round(k * period * 1e9), 0.0, speeds[k], force[k]) for k in range(count)]
+    seen = [lt.measured(of, round(k * period * 1e9), 0.0, speeds[k], force[k]) for k in range(count)]
     found = [eso.step(ObserverInput.of(sample))[0] / 80e3 for sample in seen]
     b, k = math.exp(-omega * period), np.arange(count)
     expected = push * (1 - (1 + k * (1 - b)) * b**k)
@@ -178,10 +162,10 @@ def test_eso_error_is_the_closed_form(omega, period, push):
 @given(values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=3, max_size=12))
 def test_every_estimate_is_finite(name, values):
     """For any measurement the estimate is finite; after reset() the same inputs give the same bits."""
-    of = model(FIVE)
+    of = lt.model(lt.FIVE)
     observer = OBSERVERS.make(name, {}, of, 0.1)
 
-    seen = [measured(of, k * 100_000_000, value, 10.0 if k % 2 else value, value) for k, value in enumerate(values)]
+    seen = [lt.measured(of, k * 100_000_000, value, 10.0 if k % 2 else value, value) for k, value in enumerate(values)]
 
     def run():
         return np.array([observer.step(ObserverInput.of(sample)) for sample in seen])
@@ -195,13 +179,13 @@ def test_every_estimate_is_finite(name, values):
 @pytest.mark.parametrize("name", ["ndo", "eso", "cascaded"])
 def test_coupler_forces_between_units_are_no_disturbance(name):
     """A stretched coupler between two driven vehicles gives no estimate: 160 kN/m by 0.2 m would be 32 kN."""
-    of = model(FIVE)
+    of = lt.model(lt.FIVE)
     observer = OBSERVERS.make(name, {} if name != "ndo" else {"model_error": 0.0}, of, 0.1)
     place = 500.0 - of.offsets + np.array([0.2, 0, 0, 0, 0])
     own = of.own_resistance(np.full(5, 10.0), place)
     applied = own + np.array([32e3, -32e3, 0, 0, 0])
     for k in range(30):
-        seen = measured(of, k * 100_000_000, place + k * 1.0, 10.0, applied)
+        seen = lt.measured(of, k * 100_000_000, place + k * 1.0, 10.0, applied)
         out = observer.step(ObserverInput.of(seen))
     assert np.abs(out).max() < 1.0
 
@@ -246,17 +230,17 @@ def plant(of, position, speed, lag, step_ns=1_000_000):
 
 def test_resistance_of_many_points_equals_that_of_one():
     """Same bits along and beyond the line, on and between the points of the table, forwards, at rest and backwards."""
-    of = model(FIVE, HILLY)
-    place = np.concatenate((np.linspace(HILLY.begin - 400.0, HILLY.end + 400.0, 701), np.arange(900.0, 1100.0)))
+    of = lt.model(lt.FIVE, lt.HILLY)
+    place = np.concatenate((np.linspace(lt.HILLY.begin - 400.0, lt.HILLY.end + 400.0, 701), np.arange(900.0, 1100.0)))
     speed = np.tile(np.linspace(-1.0, 1.0, 17), 53)
     single = [of.resisting_force(x, v) for x, v in zip(place.tolist(), speed.tolist(), strict=True)]
     assert of.resisting_forces(place, speed).tolist() == single
 
 
-@pytest.mark.parametrize(("train", "how"), [(SINGLE, "rigid"), (FIVE, "chain"), (FIVE, "rigid")])
+@pytest.mark.parametrize(("train", "how"), [(lt.SINGLE, "rigid"), (lt.FIVE, "chain"), (lt.FIVE, "rigid")])
 def test_prediction_equals_the_simulated_train(train, how):
     """0.8 s of changing commands through lag 0.4 s: within 2 mm, 2 mm/s and 1 % of the force."""
-    of, along = model(train, LEVEL, delay=0.8, lag=0.4), profile()
+    of, along = lt.model(train, lt.LEVEL, delay=0.8, lag=0.4), lt.profile()
     real = plant(of, 500.0, 10.0, 0.4)
     n = of.n_units
     commands = np.array([[20e3 + 4e3 * k] * n for k in range(16)])
@@ -279,12 +263,12 @@ def test_prediction_equals_the_simulated_train(train, how):
 
 def test_prediction_with_parts_of_ticks_and_overtaking_commands():
     """0.25 s on ticks of 0.1 s with a head wind of 4 kN; a brake command acts before older traction commands."""
-    of, along = model(SINGLE, LEVEL, delay=0.25), profile()
+    of, along = lt.model(lt.SINGLE, lt.LEVEL, delay=0.25), lt.profile()
     state = (np.array([500.0]), np.array([10.0]), np.array([9e3]))
     view = step(of, "predictor", {}, along, state, np.array([[10e3], [20e3], [30e3]]), np.array([-4e3]))
     given_off = (0.05 * 10e3 + 0.1 * 20e3 + 0.1 * 30e3) / 80e3 - 0.25 * (4e3 + of.running_resistance(10.0)) / 80e3
     assert view.velocity[0] == pytest.approx(10.0 + given_off, abs=8e-3)
-    of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
+    of, along = lt.model(lt.SINGLE, lt.LEVEL, delay=1.0, delay_brake=0.5), lt.profile()
     sent = np.array([[40e3]] * 7 + [[-60e3]] + [[-60e3]] * 2)
     view = step(of, "predictor", {}, along, (np.array([500.0]), np.array([10.0]), np.array([40e3])), sent)
     expected = 10.0 + (0.2 * 40e3 - 0.3 * 60e3 - 0.5 * of.running_resistance(10.0)) / 80e3
@@ -294,7 +278,7 @@ def test_prediction_with_parts_of_ticks_and_overtaking_commands():
 @given(ticks=st.integers(1, 15), seed=st.integers(0, 5))
 def test_the_delay_is_found(ticks, seed):
     """From any initial delay, within 40 s of an ordinary command."""
-    estimate = DelayEstimate(model(SINGLE, LEVEL, delay=0.5, lag=0.4), 2.0)
+    estimate = DelayEstimate(lt.model(lt.SINGLE, lt.LEVEL, delay=0.5, lag=0.4), 2.0)
     rng = np.random.default_rng(seed)
     keep, acting, command = math.exp(-0.1 / 0.4), 0.0, 0.0
     queue = [0.0] * ticks
@@ -311,7 +295,7 @@ def test_the_delay_is_found(ticks, seed):
 @pytest.mark.parametrize("every", [3, 5])
 def test_the_delay_is_found_at_a_longer_control_period(every):
     """A law at 0.3 or 0.5 s on ticks of 0.1 s, and two gaps of a second; breaks if a call counts as one tick."""
-    estimate = DelayEstimate(model(SINGLE, LEVEL, delay=0.5, lag=0.4), 2.0)
+    estimate = DelayEstimate(lt.model(lt.SINGLE, lt.LEVEL, delay=0.5, lag=0.4), 2.0)
     rng = np.random.default_rng(3)
     keep, acting, command, last = math.exp(-0.1 / 0.4), 0.0, 0.0, 0
     sent, queue = [0.0] * 20, [0.0] * 9
@@ -329,24 +313,24 @@ def test_the_delay_is_found_at_a_longer_control_period(every):
 def test_a_predictor_needs_a_delay_and_driven_vehicles():
     """Breaks if an estimate without an initial delay, or a chain with hauled vehicles, is accepted."""
     with pytest.raises(ValueError, match="compensation 'predictor': delay: estimated needs an initial delay"):
-        COMPENSATIONS.make("predictor", {"delay": "estimated"}, model(SINGLE), 0.1)
+        COMPENSATIONS.make("predictor", {"delay": "estimated"}, lt.model(lt.SINGLE), 0.1)
     with pytest.raises(
         ValueError,
         match=r"train: chain needs every vehicle driven, here 1 of 5; set compensations\.predictor\.train: rigid",
     ):
-        COMPENSATIONS.make("predictor", {"train": "chain"}, model(HAULED, delay=0.5), 0.1)
+        COMPENSATIONS.make("predictor", {"train": "chain"}, lt.model(lt.HAULED, delay=0.5), 0.1)
 
 
 def test_the_twin_of_units_has_their_rigid_force():
     """Newton's law within 2 % of the largest force; five units on a crest get different forces with its sum."""
-    of, along = model(SINGLE, HILLY), profile()
+    of, along = lt.model(lt.SINGLE, lt.HILLY), lt.profile()
     ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
     ahead.run(150.0, keep_from=0.0)
     times = np.arange(5.0, 140.0, 2.5)
     found = np.array([ahead.force(0, t) for t in times])
     needed = np.array([of.rigid_force(*along.at(t + 0.025)[:3]) for t in times])
     assert np.abs(found - needed).max() < 0.02 * np.abs(needed).max()
-    of, along = model(FIVE, HILLY), profile()
+    of, along = lt.model(lt.FIVE, lt.HILLY), lt.profile()
     ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
     ahead.run(105.0, keep_from=0.0)
     forces = [ahead.force(unit, 100.0) for unit in range(5)]
@@ -357,16 +341,16 @@ def test_the_twin_of_units_has_their_rigid_force():
 
 def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
     """Its force through delay and lag, open loop, keeps a sprung train within 3 cm/s; a rigid feed-forward not."""
-    types = {"loco": LOCOMOTIVE, "wagon": WAGON}
-    soft = consist(types, [("loco", 1), ("wagon", 20)], SPRING | {"stiffness": 2e6, "damping": 5e3})
-    of, along = model(soft, LEVEL, delay=0.8, lag=0.4), profile(pull=0.18)
+    types = {"loco": lt.LOCOMOTIVE, "wagon": lt.WAGON}
+    soft = lt.consist(types, [("loco", 1), ("wagon", 20)], lt.SPRING | {"stiffness": 2e6, "damping": 5e3})
+    of, along = lt.model(soft, lt.LEVEL, delay=0.8, lag=0.4), lt.profile(pull=0.18)
     worst = {}
     for name in ("preview", "twin"):
-        control = stack(of, "pid", {"kp": 0.0, "ki": 0.0}, name, along=along)
+        control = lt.stack(of, "pid", {"kp": 0.0, "ki": 0.0}, name, along=along)
         real = plant(of, 0.0, 0.0, 0.4, 5_000_000)
         queue, errors = [np.zeros(1)] * 8, []
         for k in range(1200):
-            reference, estimate = asked(of, along, k * TICK_NS)
+            reference, estimate = lt.asked(of, along, k * TICK_NS)
             seen = real.observe().measurement
             queue.append(control.step(seen, reference, estimate)[0])
             errors.append(float(seen.velocity[0]) - reference.velocity)
@@ -387,7 +371,7 @@ def test_the_twin_damps_the_waves_in_its_couplers():
 @pytest.mark.parametrize("gap", [(), (20, 21, 22)])
 def test_the_simulated_copy_predicts_the_train(gap):
     """Without lag and mismatch, predicted state and coupler force are those 0.5 s later, with or without gaps."""
-    of, along = model(HAULED, HILLY, delay=0.5, sensors=(0,)), profile(pull=0.3)
+    of, along = lt.model(lt.HAULED, lt.HILLY, delay=0.5, sensors=(0,)), lt.profile(pull=0.3)
     layer = COMPENSATIONS.make("train_predictor", {"step": 0.001}, of, of.tick)
     layer.set_profile(RigidForce(of, along))
     real, queue, views, truth = plant(of, 0.0, 0.0, 0.0), [np.zeros(1)] * 5, {}, []
@@ -410,8 +394,8 @@ def test_the_simulated_copy_predicts_the_train(gap):
 
 def test_measured_state_passes_through_twin_and_preview():
     """They change the feed-forward only: state and reference are those of the present."""
-    of, along = model(FIVE, LEVEL, delay=0.5, lag=0.4), profile()
-    seen = measured(of, 0, 500.0, 10.0, 1e3)
+    of, along = lt.model(lt.FIVE, lt.LEVEL, delay=0.5, lag=0.4), lt.profile()
+    seen = lt.measured(of, 0, 500.0, 10.0, 1e3)
     for name in ("preview", "twin", "pade", "none"):
         view = step(of, name, {}, along, (seen.position, seen.velocity, seen.applied), np.zeros((5, 5)))
         assert (view.position == seen.position).all()
@@ -422,12 +406,12 @@ def test_measured_state_passes_through_twin_and_preview():
 @pytest.mark.parametrize("every", [1, 5])
 def test_a_law_slower_than_the_loop_estimates_the_same_delay(every: int) -> None:
     """Breaks if the ticks between two calls are not counted: a true delay of 0.5 s counts as one of 0.1 s."""
-    of = model(SINGLE, delay=0.2)
+    of = lt.model(lt.SINGLE, delay=0.2)
     layer = COMPENSATIONS.make("predictor", {"delay": "estimated"}, of, every * of.tick)
-    layer.set_profile(RigidForce(of, profile()))
+    layer.set_profile(RigidForce(of, lt.profile()))
     random = np.random.default_rng(3)
     sent = np.repeat(random.uniform(-100e3, 100e3, 300 // every), every)[:, None]
     for tick in range(10 * every, 300 - every, every):
         state = (np.array([100.0]), np.array([10.0]), sent[tick - 6])
-        layer.step(step_input(of, profile(), tick * of.tick, state, sent[tick - 2 * every : tick]))
+        layer.step(step_input(of, lt.profile(), tick * of.tick, state, sent[tick - 2 * every : tick]))
     assert layer.actuators["forward"].tolist() == pytest.approx([0.5])

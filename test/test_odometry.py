@@ -10,16 +10,7 @@ from plant_sim.odometry import Odometers, OdometryReading, write_reading
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
 from plant_sim.record import zeros
 from train_ato.messages.types import Odometry
-from train_ato.supervision.odometry import (
-    ACCELERATION_TIME,
-    OdometryCheck,
-    PastSpeed,
-    add_speed,
-    estimate_motion,
-    odometer_error,
-    past_speeds,
-    speed_measurement_error,
-)
+from train_ato.supervision import odometry as odo
 from train_ato.supervision.supervisor import SupervisorState
 
 PERIOD = 0.4
@@ -84,7 +75,7 @@ def test_a_slip_acts_on_the_wheel_of_the_first_unit_while_it_lasts() -> None:
 
 def checked(*steps: Odometry) -> list[str]:
     """Return the problems of odometry in the order of its steps."""
-    check = OdometryCheck()
+    check = odo.OdometryCheck()
     return [check.problem(step) for step in steps]
 
 
@@ -154,17 +145,17 @@ def test_a_refused_odometry_is_not_the_base_of_the_next_one() -> None:
 def test_a_balise_corrects_the_position_by_the_error_of_the_odometer(correction: float, valid: bool) -> None:
     """Breaks if the correction at a balise applies the brake, or any jump passes with a shorter distance."""
     step, since = 20.0 * PERIOD, 400.0
-    largest = odometer_error(since) + 1.0 + 0.05 * step
+    largest = odo.odometer_error(since) + 1.0 + 0.05 * step
     jump = odometry(PERIOD, 100.0 + step + correction * largest, 20.0, 3.0)
     assert (checked(odometry(0.0, 100.0, 20.0, since), jump)[1] == "") is valid
 
 
 def estimated(*steps: Odometry) -> list[Any]:
     """Return the estimates after odometry in the order of its steps; None without one."""
-    own, past, reading, found = zeros(SupervisorState, 1), past_speeds(), zeros(OdometryReading, 1), []
+    own, past, reading, found = zeros(SupervisorState, 1), odo.past_speeds(), zeros(OdometryReading, 1), []
     for step in steps:
         write_reading(reading, step)
-        found.append(own[0].copy() if estimate_motion(own[0], past, reading[0]) else None)
+        found.append(own[0].copy() if odo.estimate_motion(own[0], past, reading[0]) else None)
     return found
 
 
@@ -175,9 +166,9 @@ def test_the_larger_odometer_counts() -> None:
         (motion,) = estimated(Odometry(0, positions, speeds, since))
         assert motion[["stamp", "front", "speed"]].tolist() == (0, 1000.0, 20.0)
         assert motion["position_error"] == pytest.approx(5.0 + 0.05 * 110.0)
-        assert (motion["speed_error"], motion["acceleration"]) == (speed_measurement_error(20.0), 0.0)
+        assert (motion["speed_error"], motion["acceleration"]) == (odo.speed_measurement_error(20.0), 0.0)
     (back,) = estimated(odometry(0.0, 0.0, (-1.0, -2.0)))
-    assert (back["speed"], back["speed_error"]) == (-2.0, speed_measurement_error(2.0))
+    assert (back["speed"], back["speed_error"]) == (-2.0, odo.speed_measurement_error(2.0))
 
 
 @pytest.mark.parametrize("place", range(6))
@@ -194,7 +185,7 @@ def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
     """Breaks if the time base or the sign is wrong, or the time of the mean is not 1.2 s."""
     speeds = [0.0, 4.0, 5.0, 7.0, 10.0, 14.0, 19.0, 18.0, 12.0, 13.0, 11.0, 3.0]
     found = estimated(*(odometry(7.0 + PERIOD * k, 0.0, speed) for k, speed in enumerate(speeds)))
-    periods = round(ACCELERATION_TIME / PERIOD)
+    periods = round(odo.ACCELERATION_TIME / PERIOD)
     expected = [0.0]
     for k in range(1, len(speeds)):
         first = max(0, k - periods)
@@ -207,6 +198,6 @@ def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
 
 def test_the_speeds_of_the_mean_have_room() -> None:
     """Breaks if more speeds than there is room for are lost in another order than that of their times."""
-    own, past = zeros(SupervisorState, 1)[0], zeros(PastSpeed, 4)
-    firsts = [add_speed(own, past, stamp * 1_000_000, float(stamp)).speed for stamp in range(11)]
+    own, past = zeros(SupervisorState, 1)[0], zeros(odo.PastSpeed, 4)
+    firsts = [odo.add_speed(own, past, stamp * 1_000_000, float(stamp)).speed for stamp in range(11)]
     assert firsts == [0.0] * 4 + [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]

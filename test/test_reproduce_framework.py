@@ -16,20 +16,8 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
+from train_ato.papers import claims as c
 from train_ato.papers import paper_packages, paper_runs
-from train_ato.papers.claims import (
-    Bound,
-    Calculation,
-    Case,
-    CaseTable,
-    Claim,
-    FigureFile,
-    Judgement,
-    Paper,
-    Result,
-    Results,
-    Verdict,
-)
 from train_ato.papers.drawing import HELD, panels, save, trace
 from train_ato.papers.p002_freight import cases as p002
 from train_ato.papers.p003_funnel import cases as p003
@@ -39,7 +27,7 @@ from train_ato.papers.pool import Finished, carry_out, run_cases
 from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
 from train_ato.scenario.scenario import load_scenario
 
-SHORT = Case("demo", {"duration": 2})
+SHORT = c.Case("demo", {"duration": 2})
 
 
 def measure(log: str, value: float) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -49,25 +37,25 @@ def measure(log: str, value: float) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"value": value}, {"squares": [value, value**2]}
 
 
-def counted(folder: Path, value: float = 1.0, full_only: bool = False) -> Calculation:
-    return Calculation(measure, {"log": str(folder / "calls"), "value": value}, full_only=full_only)
+def counted(folder: Path, value: float = 1.0, full_only: bool = False) -> c.Calculation:
+    return c.Calculation(measure, {"log": str(folder / "calls"), "value": value}, full_only=full_only)
 
 
 def die() -> tuple[dict[str, Any], dict[str, Any]]:
     os._exit(7)
 
 
-def _holds(results: Results) -> Judgement:
+def _holds(results: c.Results) -> c.Judgement:
     value = next(iter(results.values())).summary["value"]
-    verdict = Verdict.REPRODUCED if value < 2 else Verdict.NOT_REPRODUCED
-    return Judgement(f"{value}", verdict, "below 2", (Bound("value", 2.0, "", "test").check(value),))
+    verdict = c.Verdict.REPRODUCED if value < 2 else c.Verdict.NOT_REPRODUCED
+    return c.Judgement(f"{value}", verdict, "below 2", (c.Bound("value", 2.0, "", "test").check(value),))
 
 
-def _paper(cases: Mapping[str, Case | Calculation], *claims: Claim, **more: Any) -> Paper:
-    return Paper("999", "a paper", dict(cases), claims, more.pop("figures", lambda results, folder: []), **more)
+def _paper(cases: Mapping[str, c.Case | c.Calculation], *claims: c.Claim, **more: Any) -> c.Paper:
+    return c.Paper("999", "a paper", dict(cases), claims, more.pop("figures", lambda results, folder: []), **more)
 
 
-def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
+def _run(papers: list[c.Paper], folder: Path, full: bool = False) -> list[Judged]:
     done: list[Judged] = []
     reproduce(papers, folder, full=full, jobs=2, done=done.append, progress=lambda event, total: None)
     return done
@@ -76,7 +64,7 @@ def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
 def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
     """Breaks if a case is run for every claim or key that names it, or one failed figure loses the verdicts."""
     log, case = tmp_path / "calls", counted(tmp_path)
-    claims = [Claim("first", "1", ("a",), _holds), Claim("second", "1", ("b",), _holds)]
+    claims = [c.Claim("first", "1", ("a",), _holds), c.Claim("second", "1", ("b",), _holds)]
     fails = Mock(side_effect=KeyError("gone"))
     done = _run([_paper({"a": case, "b": case}, *claims, figures=fails), _paper({"c": case})], tmp_path)
     assert "gone" in done[0].complaints[0]
@@ -97,16 +85,16 @@ def test_an_engine_case_brings_summary_and_series_without_supervision() -> None:
 @pytest.mark.parametrize(
     ("case", "says"),
     [
-        (Case("no_such_scenario"), "no_such_scenario"),
-        (Case("demo", {"duration": -1}), "duration"),
-        (Case("demo", {"laws": {"pid": {"kq": 1}}}), "kq"),
-        (Calculation(measure, {"wrong": 1}), "TypeError"),
-        (Calculation(die), "exit code 7"),
+        (c.Case("no_such_scenario"), "no_such_scenario"),
+        (c.Case("demo", {"duration": -1}), "duration"),
+        (c.Case("demo", {"laws": {"pid": {"kq": 1}}}), "kq"),
+        (c.Calculation(measure, {"wrong": 1}), "TypeError"),
+        (c.Calculation(die), "exit code 7"),
     ],
 )
 def test_a_failing_case_is_not_reproduced_with_its_reason(case: Any, says: str, tmp_path: Path) -> None:
     """Breaks if a failure ends the whole reproduction, or is judged as if it had run."""
-    claims = [Claim("bad", "-", ("bad",), _holds), Claim("good", "-", ("good",), _holds)]
+    claims = [c.Claim("bad", "-", ("bad",), _holds), c.Claim("good", "-", ("good",), _holds)]
     (done,) = _run([_paper({"bad": case, "good": counted(tmp_path)}, *claims)], tmp_path)
     bad, fine = done.rows
     assert bad["verdict"] == "not reproduced" and says in bad["reason"]
@@ -117,25 +105,25 @@ def test_a_failing_case_is_not_reproduced_with_its_reason(case: Any, says: str, 
 def test_a_judge_may_ask_for_failed_runs() -> None:
     """Breaks if a claim that a law diverges cannot be judged because its run ended early."""
 
-    def diverged(results: Results) -> Judgement:
-        return Judgement(results["a"].failure or "", Verdict.REPRODUCED, "it diverged")
+    def diverged(results: c.Results) -> c.Judgement:
+        return c.Judgement(results["a"].failure or "", c.Verdict.REPRODUCED, "it diverged")
 
-    results = {"a": Result({}, None, "controller: too far")}
-    strict, lenient = (Claim("x", "-", ("a",), diverged, takes_failures=taken) for taken in (False, True))
+    results = {"a": c.Result({}, None, "controller: too far")}
+    strict, lenient = (c.Claim("x", "-", ("a",), diverged, takes_failures=taken) for taken in (False, True))
     rows = judge_paper(_paper({"a": SHORT}, strict, lenient), results, full=False)
     assert [row["verdict"] for row in rows] == ["not reproduced", "reproduced"]
 
 
 def test_a_judge_that_cannot_work_with_the_figures_is_no_traceback() -> None:
     """Breaks if a missing figure ends the command."""
-    row = judge_paper(_paper({"a": SHORT}, Claim("x", "-", ("a",), _holds)), {"a": Result({}, None)}, full=False)[0]
+    row = judge_paper(_paper({"a": SHORT}, c.Claim("x", "-", ("a",), _holds)), {"a": c.Result({}, None)}, full=False)[0]
     assert row["verdict"] == "not reproduced" and "value" in row["reason"]
 
 
 def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
     """Breaks if a long case is run, a claim is judged without its case, or ``--claim`` runs or judges others."""
     cases = {"short": counted(tmp_path), "long": counted(tmp_path, 2.0, full_only=True)}
-    claims = (Claim("s", "-", ("short",), _holds), Claim("l", "-", ("short", "long"), _holds))
+    claims = (c.Claim("s", "-", ("short",), _holds), c.Claim("l", "-", ("short", "long"), _holds))
     paper = _paper(cases, *claims)
     assert [claim.text for claim in claims_of(paper, full=False)] == ["s"]
     (quick,) = _run([paper], tmp_path)
@@ -152,7 +140,7 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
 def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
     """Breaks if a resumed command runs a judged paper again, loses its rows, or takes those of other code or claims."""
     log, case = tmp_path / "calls", counted(tmp_path)
-    paper = _paper({"a": case}, Claim("tracks", "-", ("a",), _holds))
+    paper = _paper({"a": case}, c.Claim("tracks", "-", ("a",), _holds))
     other = replace(paper, number="998")
     assert len(_run([paper], tmp_path)) == 1
     assert [done.paper.number for done in _run([paper, other], tmp_path)] == ["998"]
@@ -163,7 +151,7 @@ def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
     file = tmp_path / "paper999.json"
     file.write_text(file.read_text().replace('"code": "', '"code": "0'))
     assert [done.paper.number for done in _run([paper, other], tmp_path)] == ["999"]
-    asked = replace(paper, claims=[Claim("stays calm", "-", ("a",), _holds)])
+    asked = replace(paper, claims=[c.Claim("stays calm", "-", ("a",), _holds)])
     assert [row["claim"] for done in _run([asked], tmp_path) for row in done.rows] == ["stays calm"]
 
 
@@ -175,20 +163,20 @@ def test_figures_are_for_print(tmp_path: Path) -> None:
     trace(first, [("run", time, spike)], "speed in m/s", minutes=False)
     trace(second, [("run", time, spike)], "speed in m/s", minutes=False, **HELD)
     drawn = save(figure, tmp_path / "speed.png")
-    assert drawn == FigureFile(tmp_path / "speed.png", "Speed over time")
+    assert drawn == c.FigureFile(tmp_path / "speed.png", "Speed over time")
     assert (tmp_path / "speed.pdf").read_bytes().startswith(b"%PDF")
     with Image.open(drawn.path) as picture:
         assert picture.info["dpi"] == pytest.approx((300, 300), abs=1)
     assert [panel.get_title(loc="left") for panel in (first, second)] == ["a", "b"]
     assert first.lines[0].get_ydata().max() == 7.0 and first.lines[0].get_ydata().size < 1e4
     assert second.lines[0].get_drawstyle() == "steps-post"
-    paper = _paper({"a": SHORT}, Claim("s", "-", ("a",), _holds))
+    paper = _paper({"a": SHORT}, c.Claim("s", "-", ("a",), _holds))
     assert "| `speed` | Speed over time |" in section(paper, [], {}, [drawn])
 
 
 def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
     """Breaks if Ctrl-C in the middle of a run leaves a process behind."""
-    cases = [(str(number), Case("demo", {"seed": number})) for number in range(4)]
+    cases = [(str(number), c.Case("demo", {"seed": number})) for number in range(4)]
     with pytest.raises(KeyboardInterrupt), closing(run_cases(cases, 2)) as events:
         for _ in events:
             processes = multiprocessing.active_children()
@@ -199,7 +187,7 @@ def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
 
 def test_progress_comes_while_a_case_runs() -> None:
     """Breaks if a case reports no progress before its end."""
-    events = list(run_cases([("a", Case("demo", {"duration": 400}))], 1))
+    events = list(run_cases([("a", c.Case("demo", {"duration": 400}))], 1))
     assert isinstance(events[-1], Finished) and events[-1].result.failure is None
     fractions = [event.fraction for event in events if not isinstance(event, Finished)]
     assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1
@@ -215,10 +203,10 @@ def test_every_paper_is_consistent(number: str) -> None:
         assert claim.cases and set(claim.cases) <= set(paper.cases), claim.text
         assert "\n" not in claim.text + claim.stated
     for key, case in paper.cases.items():
-        if isinstance(case, Case):
+        if isinstance(case, c.Case):
             scenario, _ = load_scenario(case.scenario, changes=dict(case.changes))
             assert scenario.duration > 0, key
-    assert all(isinstance(table, CaseTable) for table in paper.tables)
+    assert all(isinstance(table, c.CaseTable) for table in paper.tables)
     columns = {"002": (p002.LAWS, p002.DELAYS), "003": (p003.LAWS, ("nominal",)), "004": (p004.LAWS, p004.TRAINS)}
     assert {f"{law} {column}" for law, column in product(*columns.get(number, ((), ())))} <= set(paper.cases)
 
@@ -237,7 +225,7 @@ def test_an_unknown_paper_is_refused_by_name() -> None:
         load_paper("017")
 
 
-def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *options: str) -> int:
+def _command(monkeypatch: pytest.MonkeyPatch, paper: c.Paper, folder: Path, *options: str) -> int:
     monkeypatch.setattr("train_ato.papers.session.load_paper", lambda number: paper)
     monkeypatch.setattr("train_ato.cli.reproduce.note_compilation", lambda: None)
     return main(["reproduce", "000", "--out", str(folder), "--jobs", "1", *options])
@@ -245,10 +233,10 @@ def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *optio
 
 def test_the_command_writes_rows_page_and_tables_and_prints_one_json_value(tmp_path, monkeypatch, capsys):
     """Breaks if a row lacks a documented key, the page a claim, count or table, a bar breaks it, or stdout has more."""
-    table = CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
-    broken = CaseTable("lost", ("law",), lambda results: [(results["b"],)])
+    table = c.CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
+    broken = c.CaseTable("lost", ("law",), lambda results: [(results["b"],)])
     case, folder = counted(tmp_path, 3.0), tmp_path / "out"
-    paper = _paper({"a": case}, Claim("[small] | fast", "below 2", ("a",), _holds), tables=(table, broken))
+    paper = _paper({"a": case}, c.Claim("[small] | fast", "below 2", ("a",), _holds), tables=(table, broken))
     assert _command(monkeypatch, paper, folder, "--json") == 0
     rows = json.loads(capsys.readouterr().out)
     assert rows == json.loads((folder / "reproduce.json").read_text()) == [

@@ -16,16 +16,8 @@ from refusals import one_line
 
 import train_ato as ta
 from train_ato.cli import main
+from train_ato.judge import requirements as req
 from train_ato.judge.recording import Recording
-from train_ato.judge.requirements import (
-    SERIES,
-    evaluate_formula,
-    requirement_rows,
-    robustness_at_start,
-    robustness_bounds,
-    robustness_series,
-    signal_series,
-)
 from train_ato.judge.stops import planned_stops
 from train_ato.judge.verdict import judge_run
 from train_ato.loop.engine import run_engine
@@ -99,7 +91,7 @@ def test_every_unit_has_its_si_value() -> None:
 
 def test_every_signal_has_a_series_and_a_unit() -> None:
     """Breaks if the table of the scenario layer and the series differ."""
-    assert SIGNALS.keys() == SERIES.keys()
+    assert SIGNALS.keys() == req.SERIES.keys()
     for signal in SIGNALS.values():
         assert signal.unit in {"s", "m", "m/s", "m/s²", "m/s³", "N", "Pa"}
         assert signals_of(parse_formula(f"G {signal.name} >= 0")) == (signal.name,)
@@ -112,7 +104,7 @@ def test_the_way_back_has_its_own_distance_to_the_stop() -> None:
     first, last = planned_stops(setup.profile)
     assert last.position < first.position
     times, places = np.array([0.0, last.arrival]), np.array([first.position - 30.0, last.position + 30.0])
-    found = signal_series(["distance_to_stop"], setup, recording_of(times, 1, front_position=places))
+    found = req.signal_series(["distance_to_stop"], setup, recording_of(times, 1, front_position=places))
     assert found["distance_to_stop"] == pytest.approx([30.0, 30.0])
 
 
@@ -122,7 +114,7 @@ def test_signals_have_the_values_of_the_recording() -> None:
     recording = run_engine(setup).recording
     assert recording is not None
     names = (*SIGNALS, "command_0", "effort_0")
-    found = signal_series(names, setup, recording)
+    found = req.signal_series(names, setup, recording)
     assert all(found[name].shape == recording.time.shape and np.isfinite(found[name]).all() for name in names)
     speed = recording.front_velocity
     np.testing.assert_array_equal(found["speed_error"], speed - recording.reference_velocity)
@@ -150,10 +142,10 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
     """Breaks if a broken requirement passes, or the place of the smallest margin is another one."""
     formulas = "{slow: 'G speed <= 3 m/s', moves: 'F[0.5,end] speed >= 2 m/s'}"
     setup = setup_of("demo", "duration=1", f"criteria.requirements={formulas}")
-    slow, moves = requirement_rows(setup, made_up(np.array([0, 1, 4, 2, 1, 0, 1, 1.5, 0, 0])))
+    slow, moves = req.requirement_rows(setup, made_up(np.array([0, 1, 4, 2, 1, 0, 1, 1.5, 0, 0])))
     assert (slow["criterion"], slow["value"], slow["at_s"], slow["unit"]) == ("slow", -1.0, pytest.approx(0.2), "m/s")
     assert (slow["passed"], moves["passed"], moves["value"], moves["at_s"]) == (False, False, -0.5, pytest.approx(0.7))
-    exact = evaluate_formula(parse_formula("G speed <= 4 m/s"), setup, made_up(np.array([0, 1, 4.0] + 7 * [0.0])))
+    exact = req.evaluate_formula(parse_formula("G speed <= 4 m/s"), setup, made_up(np.array([0, 1, 4.0] + 7 * [0.0])))
     assert exact.passed is True, "robustness 0 is no violation"
 
 
@@ -168,7 +160,7 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
 def test_a_compound_formula_has_the_time_of_its_decisive_part(formula: str, at_s: float | None) -> None:
     """Breaks if the time is that of the part with the larger margin, or of the wrong end of a window."""
     speed = np.array([0, 1, 9, 2, 4, 4, 4, 4, 4, 2.0])
-    found = evaluate_formula(parse_formula(formula), setup_of("demo", "duration=1"), made_up(speed))
+    found = req.evaluate_formula(parse_formula(formula), setup_of("demo", "duration=1"), made_up(speed))
     assert found.at_s == (None if at_s is None else pytest.approx(at_s))
 
 
@@ -177,14 +169,14 @@ def test_an_ended_run_is_judged_by_its_bounds_only() -> None:
     setup = setup_of("demo", "duration=10")
     start = made_up(np.array([0.0, 1.0, 2.0]))
     texts = ("G speed <= 3 m/s", "G speed <= 1 m/s", "F speed >= 2 m/s", "F speed >= 3 m/s", "F[20, 30] speed >= 0")
-    results = [evaluate_formula(parse_formula(text), setup, start).passed for text in texts]
+    results = [req.evaluate_formula(parse_formula(text), setup, start).passed for text in texts]
     assert results == [None, False, True, None, None]
 
 
 def test_mixed_quantities_have_no_unit() -> None:
     """Breaks if the minimum of a speed and a length is shown with one of both units."""
     setup = setup_of("demo", "duration=0.3")
-    found = evaluate_formula(parse_formula("G (speed <= 3 m/s and position >= 0)"), setup, made_up(np.zeros(3)))
+    found = req.evaluate_formula(parse_formula("G (speed <= 3 m/s and position >= 0)"), setup, made_up(np.zeros(3)))
     assert (found.unit, found.value) == ("", 0.0)
 
 
@@ -238,8 +230,8 @@ def samples(stream: np.random.Generator, size: int = SIZE) -> dict[str, np.ndarr
 
 def evaluated(node: Node, signals: dict[str, np.ndarray]) -> np.ndarray:
     formula = parse_formula(text_of(node))
-    found = robustness_series(formula, signals, TICK)
-    np.testing.assert_array_equal(robustness_at_start(formula, signals, TICK), found[0])
+    found = req.robustness_series(formula, signals, TICK)
+    np.testing.assert_array_equal(req.robustness_at_start(formula, signals, TICK), found[0])
     return found
 
 
@@ -283,15 +275,15 @@ def test_bounds_contain_every_continuation_and_close_with_the_run() -> None:
         formula = parse_formula(text_of(node))
         known = int(stream.integers(1, SIZE + 1))
         prefix = {name: values[:known] for name, values in signals.items()}
-        lower, upper = robustness_bounds(formula, prefix, TICK, SIZE - known)
+        lower, upper = req.robustness_bounds(formula, prefix, TICK, SIZE - known)
         for _ in range(5):
             other = samples(stream)
             whole = {name: np.append(prefix[name], other[name][known:]) for name in DRAWN}
-            value = robustness_series(formula, whole, TICK)[0]
+            value = req.robustness_series(formula, whole, TICK)[0]
             assert lower <= value <= upper, text_of(node)
         decided += lower > 0 or upper < 0
-        final = robustness_series(formula, signals, TICK)[0]
-        assert robustness_bounds(formula, signals, TICK, 0) == (final, final)
+        final = req.robustness_series(formula, signals, TICK)[0]
+        assert req.robustness_bounds(formula, signals, TICK, 0) == (final, final)
     assert decided > 20, "the bounds never decide"
 
 
@@ -305,14 +297,14 @@ def test_bounds_contain_every_continuation_and_close_with_the_run() -> None:
 )  # fmt: skip
 def test_values_by_hand(text: str, wanted: float) -> None:
     """Breaks if a window counts a sample beside its limits, or an empty window is finite."""
-    found = robustness_series(parse_formula(text), {"speed": np.arange(5.0)}, TICK)[0]
+    found = req.robustness_series(parse_formula(text), {"speed": np.arange(5.0)}, TICK)[0]
     assert found == pytest.approx(wanted, abs=1e-12)
 
 
 def test_a_quotient_by_zero_is_not_evaluated_as_passed() -> None:
     """Breaks if a division by zero raises a warning, or counts as fulfilled."""
     signals = {"speed": np.zeros(3), "position": np.zeros(3)}
-    assert np.isnan(robustness_series(parse_formula("G position / speed <= 3 s"), signals, TICK)[0])
+    assert np.isnan(req.robustness_series(parse_formula("G position / speed <= 3 s"), signals, TICK)[0])
 
 
 FORMULAS = (
@@ -345,7 +337,7 @@ def test_the_live_values_are_those_of_the_recording_and_never_contradict_it() ->
     recording = run_engine(setup).recording
     moments = snapshots(setup, recording)
     live = LiveRequirements(setup)
-    wanted = {row["criterion"]: row for row in requirement_rows(setup, recording)}
+    wanted = {row["criterion"]: row for row in req.requirement_rows(setup, recording)}
     early = {}
     for row, moment in enumerate(moments):
         live.add(moment)
@@ -382,7 +374,7 @@ def test_a_far_stamp_is_not_a_tick_of_the_run() -> None:
     live, moments = LiveRequirements(setup), snapshots(setup, recording)
     for moment in [*moments[:100], replace(moments[0], time=1e9), *moments[100:]]:
         live.add(moment)
-    wanted = {row["criterion"]: row["passed"] for row in requirement_rows(setup, recording)}
+    wanted = {row["criterion"]: row["passed"] for row in req.requirement_rows(setup, recording)}
     assert {name: part.passed for name, part in live.evaluate().items()} == wanted
 
 

@@ -38,19 +38,11 @@ from train_ato.scenario.scenario_data import PartCache, file_state
 from train_ato.scenario.scenario_files import shipped_scenarios
 from train_ato.scenario.setup import RunSetup
 from train_ato.studies.sweep import rerun
+from train_ato.studies.sweep import result as sweeps
 from train_ato.studies.sweep import sweep as sweep_module
 from train_ato.studies.sweep.cluster import OWNER, SCRATCH, SETTINGS, _scratch_folder, sweep_client
 from train_ato.studies.sweep.groups import NotDrawable, metric_words, shown_metrics
 from train_ato.studies.sweep.rerun import run_row_again
-from train_ato.studies.sweep.result import (
-    METADATA,
-    SweepFolder,
-    SweepResult,
-    read_results,
-    sweep_identity,
-    sweep_table,
-    write_results,
-)
 from train_ato.studies.sweep.robustness_map import CELLS, map_cells, pareto_front
 from train_ato.studies.sweep.row import WALL_TIMES, drive_point, run_batch
 from train_ato.studies.sweep.spec import design_points, read_sweep
@@ -167,7 +159,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], str, str], whole: Path) -> None:
     """Breaks if a run of a killed worker is missing, twice or another one, or other machines reach a process."""
     folder, addresses, output, error = swept
-    tables = [read_results(at / "results.parquet")[0].drop(columns=TIMED) for at in (folder, whole)]
+    tables = [sweeps.read_results(at / "results.parquet")[0].drop(columns=TIMED) for at in (folder, whole)]
     assert tables[0].equals(tables[1])
     assert sorted(row["run"] for row in rows_in(folder)) == list(range(1, 13))
     assert json.loads(output)["counts"] == {"done": 12}
@@ -234,7 +226,7 @@ def test_without_a_dashboard_nothing_answers_http() -> None:
 
 def test_rows_are_those_of_runs_alone(whole: Path) -> None:
     """Breaks if a part of another run, or the worker, changes a metric: compared with ``ta.run``, bit for bit."""
-    table, identity = read_results(whole / "results.parquet")
+    table, identity = sweeps.read_results(whole / "results.parquet")
     assert identity["spec"]["runs"] == 12 and identity["versions"]["train_ato"] == ta.__version__
     for index in (0, 5, 11):
         row = table.iloc[index]
@@ -261,7 +253,9 @@ def test_one_row_again_is_equal_and_a_changed_one_is_found(
         frame = table.to_pandas()
         frame.loc[4, name] = value
         changed = tmp_path / f"{name}.parquet"
-        again = pyarrow.Table.from_pandas(frame).replace_schema_metadata({METADATA: table.schema.metadata[METADATA]})
+        again = pyarrow.Table.from_pandas(frame).replace_schema_metadata(
+            {sweeps.METADATA: table.schema.metadata[sweeps.METADATA]}
+        )
         pyarrow.parquet.write_table(again, changed)
         assert main(["sweep", str(changed), "--row", "5", "--out", str(tmp_path / f"run_{name}")]) == 1
         assert f"row 5: {name}: " in capsys.readouterr().err
@@ -283,7 +277,7 @@ def test_a_sweep_continues_with_the_missing_runs(whole: Path, tmp_path: Path) ->
     kept = (folder / "runs.jsonl").read_bytes()
     result = ta.sweep(SPEC, out=folder, jobs=1, progress=False)
     assert (folder / "runs.jsonl").read_bytes().startswith(kept)
-    table, _ = read_results(whole / "results.parquet")
+    table, _ = sweeps.read_results(whole / "results.parquet")
     assert result.table.drop(columns=TIMED).equals(table.drop(columns=TIMED))
 
 
@@ -317,14 +311,14 @@ def test_the_folder_of_a_sweep_continues_it_wherever_its_file_lies(tmp_path: Pat
     (tmp_path / "sweep.yaml").write_text("{scenario: own.yaml, over: {plant.lag: [0.1, 0.2]}}")
     monkeypatch.chdir(tmp_path)
     spec = read_sweep(Path("sweep.yaml"))
-    kept = sweep_identity(spec, sweep_base(spec))
+    kept = sweeps.sweep_identity(spec, sweep_base(spec))
     again = read_sweep(kept["spec"])
-    assert sweep_identity(again, sweep_base(again)) == kept
+    assert sweeps.sweep_identity(again, sweep_base(again)) == kept
 
 
 def test_metrics_of_a_sweep_have_the_units_of_their_words(whole: Path) -> None:
     """Breaks if --units us names metres as feet, or changes words and no numbers, in the table and the figures."""
-    table, _ = read_results(whole / "results.parquet")
+    table, _ = sweeps.read_results(whole / "results.parquet")
     assert shown_metrics(table).equals(table)
     with displayed_in("us"):
         assert metric_words(table, "position_error_max_m") == "position error, largest in ft"
@@ -334,17 +328,17 @@ def test_metrics_of_a_sweep_have_the_units_of_their_words(whole: Path) -> None:
 
 def test_two_sweeps_do_not_write_into_one_folder(whole: Path) -> None:
     """Breaks if two processes append to the same file."""
-    with SweepFolder(whole).appending(), pytest.raises(ValueError, match="another sweep writes"):
+    with sweeps.SweepFolder(whole).appending(), pytest.raises(ValueError, match="another sweep writes"):
         ta.sweep(SPEC, out=whole, jobs=1, progress=False)
 
 
 def test_only_the_figures_of_the_design_are_drawn(whole: Path, tmp_path: Path) -> None:
     """Breaks if a figure of the design is missing, or one is drawn that the design does not permit."""
-    table, _ = read_results(whole / "results.parquet")
-    result = SweepResult(read_sweep(SPEC), table)
+    table, _ = sweeps.read_results(whole / "results.parquet")
+    result = sweeps.SweepResult(read_sweep(SPEC), table)
     assert set(result.figures(tmp_path)) == {"box", "map", "pareto"}
     assert {path.name for path in whole.glob("*.png")} == {"box.png", "map.png", "pareto.png"}
-    one = SweepResult(read_sweep({**SPEC, "over": {"plant.lag": {"from": 0.1, "to": 0.2}}}), table)
+    one = sweeps.SweepResult(read_sweep({**SPEC, "over": {"plant.lag": {"from": 0.1, "to": 0.2}}}), table)
     for plot in (one.plot_box, one.plot_map):
         with pytest.raises(NotDrawable):
             plot()
@@ -354,8 +348,8 @@ def test_only_the_figures_of_the_design_are_drawn(whole: Path, tmp_path: Path) -
         result.plot_map(border="stable")
     lost = table.assign(tracking="lost")
     with pytest.raises(NotDrawable, match="no run is tracked"):
-        SweepResult(read_sweep(SPEC), lost).plot_pareto()
-    assert SweepResult(read_sweep(SPEC), lost).plot_map() is not None
+        sweeps.SweepResult(read_sweep(SPEC), lost).plot_pareto()
+    assert sweeps.SweepResult(read_sweep(SPEC), lost).plot_map() is not None
 
 
 @pytest.fixture
@@ -404,7 +398,7 @@ def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
     _, error = process.communicate()
     assert process.returncode == 1 and "2 of 6 runs failed; first: run 1: its worker process was killed" in error
     assert "Traceback" not in error
-    table, _ = read_results(tmp_path / "out" / "results.parquet")
+    table, _ = sweeps.read_results(tmp_path / "out" / "results.parquet")
     statuses = ["failed", "refused", "done", "refused", "failed", "refused"]
     assert table["status"].tolist() == statuses
     assert "broken on purpose" in table["reason"][4]
@@ -429,7 +423,7 @@ def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(
     wait_for(lambda: not any(child.is_running() for child in children), "the end of the workers")
     if number != signal.SIGKILL:
         assert process.returncode == 1 and "interrupted; " in error and "Traceback" not in error
-        assert len(read_results(tmp_path / "out" / "results.parquet")[0]) >= 2
+        assert len(sweeps.read_results(tmp_path / "out" / "results.parquet")[0]) >= 2
     process = start(tmp_path, "out", "--jobs", "2", "--json")
     output, error = process.communicate()
     assert process.returncode == 0, error
@@ -473,7 +467,7 @@ def test_a_sweep_does_not_go_on_with_other_files(changed: str, tmp_path: Path, m
             with (tmp_path / changed).open("a") as file:
                 file.write(more)
         identities.append(PreparedSweep(spec).identity)
-    folder = SweepFolder.opened(tmp_path / "out")
+    folder = sweeps.SweepFolder.opened(tmp_path / "out")
     folder.begin(identities[0])
     folder.begin(identities[0])
     refused = pytest.raises(ValueError, match="the scenario has changed; name a new folder")
@@ -493,14 +487,14 @@ def test_ctrl_c_pressed_three_times_keeps_the_table(tmp_path: Path, monkeypatch:
 
     def written(*arguments: Any) -> None:
         signal.raise_signal(signal.SIGINT)
-        write_results(*arguments)
+        sweeps.write_results(*arguments)
 
     monkeypatch.setattr(sweep_module, "sweep_client", lambda *_, **__: nullcontext())
     monkeypatch.setattr(sweep_module, "Execution", pressed)
     monkeypatch.setattr(sweep_module, "write_results", written)
     with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match="2 finished runs"):
         ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "out", progress=False)
-    assert len(read_results(tmp_path / "out" / "results.parquet")[0]) == 2
+    assert len(sweeps.read_results(tmp_path / "out" / "results.parquet")[0]) == 2
     monkeypatch.setattr(sweep_module, "Execution", lambda *_, **__: signal.raise_signal(signal.SIGINT))
     with ending_like_ctrl_c(Interrupt()), pytest.raises(ta.RunInterrupted, match=r"^interrupted$"):
         ta.sweep(SPEC | {"set": {"duration": 5}}, out=tmp_path / "none", progress=False)
@@ -618,7 +612,7 @@ def test_a_row_has_the_end_of_its_run() -> None:
     assert drive_point(demo, 2, {"law": "smc", "seed": 4}, parts)["sha256"] != done["sha256"]
     refused = drive_point(demo, 3, {"plant.line": "nowhere"}, parts)
     assert refused["status"] == "refused" and "nowhere" in refused["reason"] and "sha256" not in refused
-    table = sweep_table([done, refused], ["law"])
+    table = sweeps.sweep_table([done, refused], ["law"])
     assert table["status"].tolist() == ["done", "refused"] and np.isnan(table["speed_rmse_kmh"][1])
 
 
@@ -626,7 +620,7 @@ def test_columns_of_mixed_values_are_json() -> None:
     """Breaks if a key with values of several types cannot be written as a column."""
     row = {"run": 1, "status": "done", "reason": ""}
     rows = [{**row, "point": {"a": [1]}}, {**row, "run": 2, "point": {"a": "x"}}]
-    assert sweep_table(rows, ["a"])["a"].tolist() == ["[1]", '"x"']
+    assert sweeps.sweep_table(rows, ["a"])["a"].tolist() == ["[1]", '"x"']
 
 
 def test_the_pareto_front_is_the_set_without_a_better_run() -> None:
