@@ -35,7 +35,7 @@ from train_ato.control.algorithms.train_constants import (
     wave_time,
 )  # fmt: skip
 from train_ato.control.mpc.actuator_identification import ActuatorIdentification
-from train_ato.control.mpc.force_plan import ForcePlan, horizon_model, node_times, ramp_response, responses
+from train_ato.control.mpc.force_plan import ForcePlan, change_rows, horizon_model, node_times, ramp_response, responses
 from train_ato.control.mpc.measured_motion import MOTION, MeasuredMotion, ModalObserver
 from train_ato.control.mpc.motion_observer import RAMP_TIME, MotionObserver, motion_by_rate
 from train_ato.control.mpc.predictive_plan import (
@@ -124,6 +124,23 @@ def test_responses_equal_a_fine_simulation(lag):
     np.testing.assert_allclose(velocity[:, 2], speed[at], atol=2e-3)
     np.testing.assert_allclose(position[:, 2], place[at], atol=2e-2)
     assert ramp_response(-1.0, lag)[0] == 0.0
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.4])
+def test_rows_of_a_change_equal_a_fine_simulation(lag):
+    """Without the demand that the force has still to follow, a plan has the jerk of the lag between any two nodes."""
+    nodes, step = node_times(0.3, 20.0, 8), 1e-4
+    decision = np.cos(np.arange(8.0))
+    rows, part = change_rows(nodes, lag)
+    expected = np.diff(decision, prepend=0.0)
+    if lag:
+        force, times = 0.2, np.arange(0.0, 20.0 + step, step)
+        beyond = np.empty(times.size)
+        for k, demand in enumerate(np.interp(times, nodes, decision)):
+            beyond[k] = demand - force
+            force += (demand - force) * (1.0 - math.exp(-step / lag))
+        expected[1:] = np.diff(nodes) / lag * np.interp(nodes[1:], times, beyond)
+    np.testing.assert_allclose(rows @ decision - 0.2 * part, expected, atol=1e-3)
 
 
 def test_plan_without_constraints_has_the_gains_of_the_regulator():
@@ -481,6 +498,14 @@ def test_the_brake_does_not_count_on_a_gust_that_has_ended():
     assert abs(run.metrics["stop_error_m"]) < 0.3
 
 
+@pytest.mark.parametrize(("behind", "until", "jerk"), [(60, 21, 1.0), (0, 18, 0.2)])
+def test_a_plan_counts_on_no_more_jerk_than_the_command_has(behind, until, jerk):
+    """With the jerk of the lag between every two nodes the metro train brakes too late: 3.3 and 8.8 m beyond."""
+    stop = [{"accelerate_to_kmh": 40}, {"cruise_until": until}, {"brake_to": 0}]
+    of = {"duration": 50, "laws.mpc.jerk": jerk, "plant.start.position": -behind, "profile.phases": stop}
+    assert abs(_driven("xuzhou_metro", set=of).metrics["stop_error_m"]) < 0.3
+
+
 @pytest.mark.campaign
 def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
     """Wagon by wagon the line force changes by 3 kN; with its derivative through the lag the variation is 12.6 kN/s."""
@@ -499,12 +524,12 @@ def test_the_bounds_of_a_plan_by_hand():
         np.zeros((8, 4)),
     )
     constants = PlanConstants(
-        zero, steps=np.full(4, 0.5), passed=zero, parts=1, near=1, period=0.1, jerk=2.0, pole=1.0, lag=0.0,
-        stop_time=math.inf, stop_room=0.0, drag_slope=0.0, drag_curvature=0.0, front=0.0, rear=-20.0, overspeed=0.5,
-        limits=records_of(SpeedLimit, [SpeedLimit(at=0.0, speed=12.0)]),
+        zero, steps=np.full(4, 0.5), kept=0.1 * np.arange(4), passed=zero, parts=1, near=1, period=0.1, jerk=2.0,
+        pole=1.0, lag=0.0, stop_time=math.inf, stop_room=0.0, drag_slope=0.0, drag_curvature=0.0, front=0.0,
+        rear=-20.0, overspeed=0.5, limits=records_of(SpeedLimit, [SpeedLimit(at=0.0, speed=12.0)]),
     )  # fmt: skip
     start = PlanStart(
-        required, RelativeMotion(0.0, 0.0, 0.0, 0.0), disturbance=0.1, passing=0.4, rise=0.25, feedforward=0.0,
+        required, RelativeMotion(0.0, 0.0, 0.0, 0.5), disturbance=0.1, passing=0.4, rise=0.25, feedforward=0.0,
         last_force=0.0, force_min=-100e3, force_max=150e3, position_error=0.0, beyond_reference=0.0, inertia=100e3,
         gain=1.0, air_brake_acts=False, departs=False,
     )  # fmt: skip
@@ -512,7 +537,7 @@ def test_the_bounds_of_a_plan_by_hand():
     reference = PlanReference(NodeMotion(zero, np.full(4, 10.0)), required, 0.0, 10.0, 0.0, force=20e3)
     found = PlannedNodes(zero, zero, zero, required.copy(), np.full(4, -0.3))
     bounds(constants, start, NodeMotion(zero, zero), limits, reference, np.zeros((4, 1)), np.zeros(1), found, allowed)
-    change = np.array([0.25, 0.3, 0.4, -0.3])
+    change = np.array([0.25, 0.3 - 0.05, 0.4 - 0.1, -0.3 - 0.15])  # of .5 m/s² a tenth and more
     expected = [(np.array([150e3, 200e3, 200e3, 200e3]) - required) / 100e3, (required + 200e3) / 100e3]
     expected[0] -= 0.3
     expected[1][0] = (10e3 + 100e3) / 100e3

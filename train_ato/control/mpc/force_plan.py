@@ -107,7 +107,7 @@ def horizon_model(
     hessian = hessian + matrix_product(np.ascontiguousarray(velocity.T), weighted_velocity)
     hessian[np.arange(nodes.size), np.arange(nodes.size)] += weights
     inverted = inverse(hessian)
-    constraints, softness = constraint_rows(position, velocity)
+    constraints, softness = constraint_rows(position, velocity, change_rows(nodes, lag)[0])
     limited = matrix_product(inverted, np.ascontiguousarray(constraints.T))
     dual = matrix_product(constraints, limited)
     diagonal = np.diag(dual).copy()
@@ -140,15 +140,32 @@ def responses(nodes, delays, share, lag, longest):
     return position, velocity
 
 
-def constraint_rows(position: Array, velocity: Array) -> tuple[Array, Array]:
+def change_rows(nodes: Array, lag: float) -> tuple[Array, Array]:
+    """Return the rows of the change of the acceleration since the former node, shape (nodes, nodes).
+
+    Through a lag the acceleration changes at the rate w over the lag, where w is the demand less the acceleration. A
+    row is this rate times the time since the former node. The second result, shape (nodes,), is the part of an
+    acceleration at the first node that it subtracts. Without a lag a row is the change of the demand.
+    """
+    rows, part = np.eye(nodes.size), np.zeros(nodes.size)
+    beyond, kept = rows[0].copy(), 1.0
+    for j, width in enumerate(np.diff(nodes).tolist(), 1):
+        rows[j, j - 1] = -1.0
+        if lag:
+            decay = libm_exp(-width / lag)
+            beyond = decay * beyond + rows[j] * ((1.0 - decay) * lag / width)
+            kept *= decay
+            rows[j], part[j] = beyond * (width / lag), kept * width / lag
+    return rows, part
+
+
+def constraint_rows(position: Array, velocity: Array, change: Array) -> tuple[Array, Array]:
     """Return the rows A of the constraints for the responses of position and speed, and their softness.
 
     The rows are upper and lower force limits, jerk limits, speed limits, position error, and stops.
     """
     count = velocity.shape[0]
     unit = np.eye(count)
-    change = unit.copy()
-    change[1:] -= unit[:-1]
     rows = np.vstack((unit, -unit, change, -change, velocity, position, -position, position))
     softness = np.repeat([SOFT_FORCE, SOFT_SPEED, SOFT_PEAK, SOFT_STOP], [4 * count, count, 2 * count, count])
     return rows, softness
@@ -220,10 +237,10 @@ class ForcePlan:
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
         stops = model.air_brake is None and not model.reversing
         self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE) if stops else math.inf
-        steps = np.concatenate(([0.0 if model.lag else period], np.diff(self.nodes))) + model.lag
+        steps, kept = np.append(model.lag or period, np.diff(self.nodes)), change_rows(self.nodes, model.lag)[1]
         pole, (slope, curvature) = APPROACH * omega, drag_slope(model)
         self.constants = PlanConstants(
-            self.nodes, steps, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
+            self.nodes, steps, kept, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
             near=int(np.searchsorted(self.nodes[:-1], 1.0 / pole)), period=period, jerk=jerk, pole=pole,
             lag=model.lag, stop_time=self._stop_time, stop_room=STOP_ROOM, drag_slope=slope,
             drag_curvature=curvature, front=half, rear=half - model.consist.length, overspeed=overspeed,

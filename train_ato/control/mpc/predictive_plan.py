@@ -83,9 +83,9 @@ class PlanConstants(NamedTuple):
 
     Attributes
     ----------
-    nodes, steps, passed : Array, shape (nodes,)
-        Nodes [s], time from the former node plus the lag, through which a command changes the force [s], and part of a
-        passing disturbance that has decayed.
+    nodes, steps, kept, passed : Array, shape (nodes,)
+        Nodes [s], time from the former node [s], in the first entry the lag or the period, part of the acceleration at
+        the time of effect in the change since the former node, and part of a passing disturbance that has decayed.
     parts, near : int
         Steps of the required force between two nodes, and the last node up to which a speed limit is approached.
     period, jerk : float
@@ -104,6 +104,7 @@ class PlanConstants(NamedTuple):
 
     nodes: Array
     steps: Array
+    kept: Array
     passed: Array
     parts: int
     near: int
@@ -359,7 +360,7 @@ def bounds(
         # the brake does not count on a resistance that does not act now, as that of a gust that has just ended
         allowed[LEAST_FORCE, j] = (force[j] - low) / mass - max(found.disturbance[j], min(start.disturbance, 0.0))
         before = force[j - 1] if j > 1 else reference.force
-        change = (force[j] - before) / mass if j > 0 else start.rise
+        change = (force[j] - before) / mass - start.motion.acceleration_error * p.kept[j] if j > 0 else start.rise
         allowed[RISE, j] = p.jerk * p.steps[j] - change
         allowed[FALL, j] = p.jerk * p.steps[j] + change
         place = nodes.position[j] + errors.position[j]
