@@ -366,6 +366,8 @@ def test_a_full_disk_little_memory_and_sys_exit_in_a_component_are_failures(monk
     monkeypatch.setattr("train_ato.cli.list.execute", lambda options: bytearray(2**62))
     assert main(["list"]) == 1
     assert capsys.readouterr().err == "train-ato: not enough memory; check the units of the largest values\n"
+    monkeypatch.setattr("train_ato.cli.list.execute", lambda options: exec("raise DeprecationWarning('old')"))
+    assert main(["list"]) == 2 and "DeprecationWarning: old; it is an error by a filter" in capsys.readouterr().err
     monkeypatch.setattr("train_ato.cli.list.execute", lambda options: sys.exit(0))
     assert main(["list"]) == 1 and "called sys.exit(0)" in capsys.readouterr().err
 

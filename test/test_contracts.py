@@ -476,6 +476,14 @@ def test_a_target_that_is_no_class_is_refused(target, message, tmp_path, monkeyp
         load_class(target)
 
 
+def test_the_present_folder_stays_after_the_import_of_a_component(tmp_path, monkeypatch):
+    """Breaks if a law that changes its folder moves the files of the run, which are then not where the end says."""
+    (tmp_path / "moving_law.py").write_text("import os\nos.chdir('/')\nclass Law:\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert load_class("moving_law:Law").__name__ == "Law" and Path.cwd() == tmp_path
+
+
 @pytest.mark.parametrize(("kind", "name"), [("law", "pid"), ("observer", "eso")])
 def test_a_registered_name_is_checked(kind, name, monkeypatch):
     """Breaks if only ``module:Class`` is accepted, or the name of a law is looked up among the observers."""

@@ -14,7 +14,7 @@ from engine_runs import setup_of
 from programs import begun, python
 from waiting import LIMIT_S, wait_for
 
-from train_ato.api.drive import RunMode, finish
+from train_ato.api.drive import RunMode, drive, finish
 from train_ato.api.following import run_following
 from train_ato.api.following_live import run_following_live
 from train_ato.api.progress import COMPILE_NOTE
@@ -269,6 +269,17 @@ def test_the_original_failure_is_reported(tmp_path: Path) -> None:
     run = Run(outcome.summary, record=RunRecord(setup, folder), setup=setup, outcome=outcome)
     with pytest.raises(RunFailed, match="no room"):
         finish(run, outcome)
+
+
+def test_a_run_whose_reader_has_gone_has_its_figure(tmp_path: Path) -> None:
+    """Breaks if `train-ato run demo | head -1` leaves a run folder without its figure."""
+
+    def gone(*ended: object) -> None:
+        raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        drive(setup_of("demo", "duration=1"), RunMode("engine"), out=tmp_path / "run", ended=gone)
+    assert (tmp_path / "run" / "figure.png").is_file()
 
 
 @pytest.mark.parametrize("name", ["summary.json", "scenario.yaml", "metadata.yaml"])

@@ -177,9 +177,10 @@ def test_malformed_ros_arguments_are_one_line(given, tmp_path, monkeypatch, capf
     assert capfd.readouterr().err == ""
 
 
-def test_a_misspelt_node_in_a_parameter_file_has_a_note(tmp_path, capsys):
+@pytest.mark.parametrize("name", ["/**/contoller:", "/line:\n contoller:", "line:\n train:\n  contoller:"])
+def test_a_misspelt_node_in_a_parameter_file_has_a_note(name, tmp_path, capsys):
     """Breaks if the gains of a file are passed over without a word, or another node has a note too."""
-    (tmp_path / "a.yaml").write_text("/**/contoller:\n  ros__parameters:\n    law: smc\n")
+    (tmp_path / "a.yaml").write_text(f"{name}\n   ros__parameters:\n    law: smc\n")
     for role, count in ((Role.PLANT, 0), (Role.CONTROLLER, 1)):
         check_arguments(["--ros-args", "--params-file", str(tmp_path / "a.yaml")], role)
         assert capsys.readouterr().err.count("contoller: no node has this name, and its parameters have no") == count

@@ -352,10 +352,12 @@ def finish(run: Run, outcome: RunResult, ended: Callable[[], None] | None = None
     told = False
     try:
         run.folder()
-        if ended is not None:
-            ended()
-            told = True
-        run.finish()
+        try:
+            if ended is not None:
+                ended()
+                told = True
+        finally:  # also if the reader of the output has gone: `train-ato run demo | head -1`
+            run.finish()
     except OSError:
         if not outcome.failure:
             raise

@@ -213,6 +213,9 @@ def _status_of(error: Exception) -> int:
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED
+    if isinstance(error, Warning):
+        filters = "`python -W`, PYTHONWARNINGS or the law has; limit it to a module of your own"
+        return print_error(f"{type(error).__name__}: {error}; it is an error by a filter that {filters}", BAD_INPUT)
     if isinstance(error, MemoryError):
         return print_error("not enough memory; check the units of the largest values", FAILED)
     if isinstance(error, OSError):

@@ -14,6 +14,7 @@ import dataclasses
 import importlib
 import inspect
 import math
+import os
 import sys
 from collections.abc import Collection, Mapping
 from contextlib import suppress
@@ -363,6 +364,8 @@ def load_class(target: str) -> type:
 
 
 def _module(name: str) -> ModuleType:
+    """Import a module; its change of the present folder is undone, as that is where the files of a run belong."""
+    place = os.open(".", os.O_PATH)
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
@@ -372,6 +375,9 @@ def _module(name: str) -> ModuleType:
         sys.path.append(here)
         importlib.invalidate_caches()
         return importlib.import_module(name)
+    finally:
+        os.fchdir(place)
+        os.close(place)
 
 
 LAWS = LawRegistry(

@@ -117,11 +117,20 @@ def _note_misspelt(files: Sequence[str], role: Role) -> None:
     """Print a note for a name in a parameter file that is nearly that of this node: rclpy passes over it."""
     known = [other.value for other in Role]
     for file in files:
-        with suppress(ValueError, AttributeError):  # what rcl has read, the parser of scenarios may refuse
-            for key, block in parse_yaml(Path(file).read_bytes()).items():
-                match = close_match(name := str(key).rpartition("/")[2], known)
-                if name not in known and f"'{role.value}'" in match and "ros__parameters" in (block or ()):
+        with suppress(ValueError):  # what rcl has read, the parser of scenarios may refuse
+            for key in _nodes_of(parse_yaml(Path(file).read_bytes())):
+                match = close_match(name := key.rpartition("/")[2], known)
+                if name not in known and f"'{role.value}'" in match:
                     print_assumption(f"{file}: {key}: no node has this name, and its parameters have no effect{match}")
+
+
+def _nodes_of(blocks: Any, above: str = "") -> Iterator[str]:
+    """Yield the names of the nodes in a parameter file, also of those nested in namespaces."""
+    for key, block in blocks.items() if isinstance(blocks, dict) else ():
+        if isinstance(block, dict) and "ros__parameters" in block:
+            yield f"{above}{key}"
+        else:
+            yield from _nodes_of(block, f"{above}{key}/")
 
 
 @contextmanager
