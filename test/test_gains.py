@@ -118,6 +118,14 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable() -> None:
     assert "l1 given, unstable" in setup_of("xuzhou_metro", "law=smc", "laws.smc.l1=0").advice(), "34 m beyond its stop"
 
 
+def test_own_values_of_a_failed_run_have_a_line_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a run that its own gains lose names no key, as `mpc` and the learning rates, which state no limit."""
+    given = ["--law=funnel", "--set", "laws.funnel.bias_rate=100"]
+    assert main(["run", "xuzhou_metro", "--engine", f"--out={tmp_path / 'run'}", *given]) == 0
+    line = "funnel: bias_rate given, and the run ended as 'limit cycle'; try --set laws.funnel.bias_rate=0.00"
+    assert line in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("law", "gain"),
     [("pid", "kp"), ("smc", "ks"), ("rbf_smc", "l1"), ("rbf_switching_smc", "c"), ("fixed_time_smc", "reaching"),

@@ -130,7 +130,8 @@ def execute(options: argparse.Namespace) -> None:
     setup, run_mode, out = prepared(options)
     gc.freeze()  # most objects live until the end; after an engine run a look at them at the exit takes 0.2 s
     with compilation_noted(COMPILE_NOTE):
-        ended = partial(_print_end, as_json=options.json, expected=expected_verdict(options))
+        expected, said = expected_verdict(options), setup.advice()
+        ended = partial(_print_end, as_json=options.json, expected=expected, said=said)
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)
     if options.strict and (unmet := unmet_requirements(run.metrics)):
         raise RunFailed(f"{run.path}: {unmet}")
@@ -210,8 +211,10 @@ def expected_verdict(options: argparse.Namespace) -> Expectation | None:
     return None if options.assignments or any(changes) else expectation_of(options.scenario)
 
 
-def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: Expectation | None) -> None:
-    """Print result and failure of a run before its figure is drawn."""
+def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: Expectation | None, said: str) -> None:
+    """Print result, failure and advice that was not ``said`` at the begin of a run, before its figure is drawn."""
+    if (advice := run.metrics.get("advice", said)) != said:
+        sys.stderr.write(f"train-ato: {advice}\n")
     print_run(run, as_json=as_json, failure="" if failure is None else str(failure), expected=expected)
     sys.stdout.flush()
     if failure is not None:

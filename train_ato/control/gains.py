@@ -166,6 +166,12 @@ def advice(
     return f"{name}: {', '.join(found)}; try {' '.join(remedies)}" if found else ""
 
 
+def doubt(name: str, gains: Gains, outcome: str) -> str:
+    """Return a line with the own values of a law whose run had another outcome than planned; "" without own values."""
+    remedies = " ".join(f"--set laws.{name}.{key}={_rounded(value)}" for key, value in gains.own.items())
+    return f"{name}: {', '.join(gains.own)} given, and the run {outcome}; try {remedies}" if gains.own else ""
+
+
 def _rounded(value: Any) -> str:
     return number_text(value, 3) if isinstance(value, float) else str(value)
 

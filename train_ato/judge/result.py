@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.control.gains import doubt
 from train_ato.judge.metrics import (
     JERK_SPAN,
     differences,
@@ -26,7 +27,7 @@ from train_ato.judge.requirements import requirement_rows
 from train_ato.judge.run_end import DONE, FAILED, INTERRUPTED, RunEnd
 from train_ato.judge.stops import StopResult, stops_of_run
 from train_ato.judge.tracking import INCOMPLETE, TRACKED, TrackingFinding, outcome_of, tracking_summary
-from train_ato.judge.verdict import judge_run
+from train_ato.judge.verdict import is_tracked, judge_run
 from train_ato.messages.types import Array, AtoState
 from train_ato.program.version import VERSION
 from train_ato.scenario.changes import RunChanges
@@ -229,8 +230,18 @@ class RunResult:
         if complete:
             summary |= tracking_summary(setup, recording, end.status)
             summary |= _judged(setup, recording, summary)
+            summary |= {} if "advice" in summary or end.status != DONE else _doubted(setup, summary)
         interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
+
+
+def _doubted(setup: RunSetup, summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return ``advice`` on the own gains of a run that is not tracked or failed; {} for other runs."""
+    tracked, name = is_tracked(summary), setup.controller
+    if (tracked and summary.get("verdict") != "failed") or summary["controller"] != name:
+        return {}
+    text = doubt(name, setup.gains(name), "failed" if tracked else f"ended as '{summary['tracking']}'")
+    return {"advice": text} if text else {}
 
 
 def _judged(setup: RunSetup, recording: Recording, metrics: dict[str, Any]) -> dict[str, Any]:
