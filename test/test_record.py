@@ -368,6 +368,7 @@ def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: 
     # fixed and the limit of the second is not reached here.
     monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
     monkeypatch.setattr(reading, "clock_ns", lambda: 10**18)
+    monkeypatch.setattr(reading, "steady_ns", lambda: 0)
     setup = setup_of("demo", "duration=60", "observer=ndo", "law_changes=[{at: 30, law: smc}]")
     for name in ("one", "other"):
         with RunFolder.make(tmp_path / name, "demo").sink(setup) as sink:

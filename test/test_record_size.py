@@ -363,9 +363,12 @@ def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], c
 
 
 def test_the_duration_of_a_recording_is_its_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if the time between both clock readings is not the duration."""
-    monkeypatch.setattr(reading, "clock_ns", lambda: EPOCH_NS + 3_500_000_000)
-    assert WallTime(EPOCH_NS).ended().duration_s == pytest.approx(3.5, rel=1e-12)
+    """Breaks if the time between both clock readings is not the duration, or a wall clock that is set back counts."""
+    monkeypatch.setattr(reading, "steady_ns", lambda: 7)
+    begun = WallTime.now()
+    monkeypatch.setattr(reading, "steady_ns", lambda: 3_500_000_007)
+    monkeypatch.setattr(reading, "clock_ns", lambda: EPOCH_NS)
+    assert begun.ended().duration_s == pytest.approx(3.5, rel=1e-12)
 
 
 def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:

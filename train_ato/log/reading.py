@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -144,6 +144,11 @@ def clock_ns() -> int:
     return time.time_ns()
 
 
+def steady_ns() -> int:
+    """Return the time of a clock that is never set [ns]."""
+    return time.monotonic_ns()
+
+
 @dataclass(frozen=True)
 class WallTime:
     """Wall time of a recording.
@@ -154,10 +159,13 @@ class WallTime:
         Opening of the log [ns since 1970].
     duration_s : float or None
         Wall time from the opening to the closing of the log [s]; None for the log of a killed run.
+    since_ns : int
+        Opening by a clock that is never set [ns].
     """
 
     begin_ns: int
     duration_s: float | None = None
+    since_ns: int = field(default_factory=lambda: steady_ns(), compare=False, repr=False)
 
     @classmethod
     def now(cls) -> WallTime:
@@ -166,7 +174,7 @@ class WallTime:
 
     def ended(self) -> WallTime:
         """Return the wall time of the recording with its end now."""
-        return replace(self, duration_s=(clock_ns() - self.begin_ns) * 1e-9)
+        return replace(self, duration_s=(steady_ns() - self.since_ns) * 1e-9)
 
     @property
     def begin(self) -> str:
