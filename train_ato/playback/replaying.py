@@ -141,7 +141,7 @@ def evaluated(
 def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple[str, str]:
     """Return the labels of the recorded output (its laws, or the measured quantity) and of the replayed one.
 
-    The law of the run is replayed with its changes.
+    The law of the run is replayed with its changes, but keeps its state where that of the run was restarted.
     """
     from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
     from train_ato.report.words import driven_laws
@@ -149,7 +149,7 @@ def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple
     driven = {"controller": recorded.controller, **summary}
     laws = driven_laws(driven)
     if summary.get("controller") != MEASURED:
-        name = f"{laws}, recorded"
+        name = f"{laws}, recorded{' with a restart' if 'controller' in summary.get('restarts', {}) else ''}"
     else:
         at_wheel = summary.get("measured_command") == NOT_RECORDED
         name = "force at the wheel, measured" if at_wheel else "demand, measured"
