@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from statistics import mean, median
 from typing import Any
 
+from train_ato.judge.run_end import DONE
 from train_ato.judge.verdict import is_tracked
 
 Metrics = Mapping[str, Any]
@@ -77,18 +78,23 @@ def standings(comparisons: Sequence[Sequence[Metrics]]) -> list[dict[str, Any]]:
     return [{"law": law, **row} for law, row in ranked]
 
 
+def _whole(runs: Sequence[Metrics]) -> Sequence[Metrics]:
+    """Return the runs to their planned end, or all without one: a broken run has the small values of its part."""
+    return [metrics for metrics in runs if metrics.get("status", DONE) == DONE] or runs
+
+
 def best_value(key: str, runs: Sequence[Metrics]) -> float | None:
     """Return the smallest magnitude of a metric; None without two different values, or where none is better."""
     if key not in SMALL_IS_GOOD:
         return None
-    found = [abs(value) for metrics in runs if (value := _number(metrics.get(key))) is not None]
+    found = [abs(value) for metrics in _whole(runs) if (value := _number(metrics.get(key))) is not None]
     return min(found) if len(found) > 1 and max(found) > min(found) else None
 
 
 def difference_from_best(key: str, metrics: Metrics, runs: Sequence[Metrics]) -> float | None:
     """Return the magnitude of a metric minus the best one, 0.0 for the best; None without a best value."""
     best, value = best_value(key, runs), _number(metrics.get(key))
-    return None if best is None or value is None else abs(value) - best
+    return None if best is None or value is None or metrics not in _whole(runs) else abs(value) - best
 
 
 def _number(value: Any) -> float | None:
