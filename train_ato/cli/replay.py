@@ -227,9 +227,11 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 
 def compare_laws(options: argparse.Namespace) -> None:
     """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
+    from train_ato.cli.scenario_options import check_component_name
     from train_ato.log.run_folder import read_run_folder
     from train_ato.playback.replaying import evaluated, output_names, setup_with_law
 
+    check_component_name("--law", "law", options.law)
     recorded, recorded_summary = read_run_folder(options.run)
     changed = setup_with_law(recorded, options.run, options.law, lambda choice: choice.assigned(options.set))
     figure = _figure_path(options)

@@ -126,10 +126,14 @@ def _line_caused_by(message: str, file: Path, changes: Sequence[tuple[str, str]]
     """Return a fault with the changes that caused it in place of its file, and without both."""
     problem = message.removeprefix(f"{file}: ")
     said = re.split(r"; | \(known", problem)[0].replace(": ", ".")  # `plant: jumps lists ...` names the key plant.jumps
+    # `line: unknown key` is of a change of line.speed_limit, and `unknown law 'x'` of one of laws.x.gain
+    unknown = re.sub(r"^unknown (\w+) '([^']+)'.*", r"\1s.\2.", said.removesuffix("unknown key"))
     found = [
         (key, spelling)
         for key, spelling in changes
-        if re.search(rf"(?<![\w.]){re.escape(key)}(?!\w)", said) or _names_value(problem, _value_of(spelling))
+        if re.search(rf"(?<![\w.]){re.escape(key)}(?!\w)", said)
+        or _names_value(problem, _value_of(spelling))
+        or (unknown != said and key.startswith(unknown))
     ]
     if not found and file.parent.name == "shipped":  # the file alone is right
         found = list(changes)
