@@ -10,20 +10,9 @@ from weakref import finalize
 
 import numpy as np
 
+from train_ato.api.env import observation as obs
 from train_ato.api.env.compiled_steps import GOES_ON, GOING_ON, ROWS, TICKS, UNDONE, set_forces, step_trains
 from train_ato.api.env.env import MAX_SEED, CallerForces, caller_setup, checked_seed
-from train_ato.api.env.observation import (
-    DIRECTION,
-    PER_TICK,
-    Known,
-    Quantity,
-    Sight,
-    add_costs,
-    cost_memory,
-    end_costs,
-    observed,
-    weights_of,
-)
 from train_ato.api.scenario_choice import Changes, GivenScenario, ScenarioChoice, choose_scenario
 from train_ato.control.caller import Caller
 from train_ato.judge.result import RunResult
@@ -66,7 +55,7 @@ class _Train:
         caller.force = force
         self.span: Span | None = None
         self.spans: CompiledSpans | None = None
-        self.known: Known | None = None
+        self.known: obs.Known | None = None
         self.ended = False
         self.begin = time.perf_counter()
 
@@ -193,29 +182,29 @@ class VectorEnv(CallerForces):
         self._choice = choose_scenario(scenario).changed(set, seed)
         self._dimensions = read_dimensions(over, "over") if over else ()
         self.num_envs, self.normalised = int(num_envs), normalised
-        self._parts, self._weights = PartCache(), weights_of(reward)
+        self._parts, self._weights = PartCache(), obs.weights_of(reward)
         self._others = min(threads or os.cpu_count() or 1, self.num_envs) - 1
         self._threads = list[Lock](), Event()
         self._stop = finalize(self, _end, *self._threads)
         self._bounds(observe)
-        sight = Sight(self.setup)
+        sight = obs.Sight(self.setup)
         n, units = self.num_envs, self.n_units
         self._forces, self._given = np.zeros((n, units)), np.zeros((n, units))
         self._rows: Any = None
         self._ticks = round(self.period / self.setup.tick)
         self._results = np.zeros((n, 3), dtype=np.int64)
-        self._costs, self._memories = np.zeros((n, len(PER_TICK))), np.zeros((n, 4))
-        self._states, self._found = np.zeros((n, DIRECTION + 1)), np.zeros((n, sight.size))
-        known = observed(self.setup)
+        self._costs, self._memories = np.zeros((n, len(obs.PER_TICK))), np.zeros((n, 4))
+        self._states, self._found = np.zeros((n, obs.DIRECTION + 1)), np.zeros((n, sight.size))
+        known = obs.observed(self.setup)
         self._limits = [self._found[:, known[name].part] for name in ("force_min", "force_max")]
         self._rewards, self._who = np.zeros(n), np.zeros(n, dtype=np.int64)
         (self._shared, self._alone), self._crowded = np.zeros((2, 3), dtype=np.int64), 0
         self._outputs = (
-            np.array([self._weights.get(cost, 0.0) for cost in PER_TICK]), self._results, self._costs, self._memories,
-            self._states, self._found, self._rewards, np.zeros((n, 3 + units)),
+            np.array([self._weights.get(cost, 0.0) for cost in obs.PER_TICK]), self._results, self._costs,
+            self._memories, self._states, self._found, self._rewards, np.zeros((n, 3 + units)),
         )  # fmt: skip
         self._trains: list[_Train] = []
-        self._kept: list[Sight] = [sight] * n
+        self._kept: list[obs.Sight] = [sight] * n
         self._seeds: list[np.random.Generator] = []
         self._ended, self._compiled = np.zeros(n, dtype=bool), 0
 
@@ -226,7 +215,7 @@ class VectorEnv(CallerForces):
         self.setup = setups[0]
         for setup in setups:
             self._check_step(setup)
-        found = [observed(setup, observe) for setup in setups]
+        found = [obs.observed(setup, observe) for setup in setups]
         common = {}
         for name, first in found[0].items():
             same = [entry[name] for entry in found if name in entry]
@@ -239,10 +228,10 @@ class VectorEnv(CallerForces):
                 continue
             low = np.minimum.reduce([entry.low for entry in same])
             high = np.maximum.reduce([entry.high for entry in same])
-            common[name] = Quantity(name, first.unit, first.meaning, low, high, first.begin)
-        self.quantities: dict[str, Quantity] = common
+            common[name] = obs.Quantity(name, first.unit, first.meaning, low, high, first.begin)
+        self.quantities: dict[str, obs.Quantity] = common
         self._columns = np.concatenate([np.arange(q.begin, q.begin + q.low.size) for q in common.values()])
-        self._all = np.array_equal(self._columns, np.arange(Sight(self.setup).size))
+        self._all = np.array_equal(self._columns, np.arange(obs.Sight(self.setup).size))
 
     def _check_step(self, setup: RunSetup) -> None:
         if (setup.tick, setup.control_period) != (self.setup.tick, self.period):
@@ -307,14 +296,14 @@ class VectorEnv(CallerForces):
         setup = caller_setup(choice, caller, self._parts, seed)
         self._check_step(setup)
         train = _Train(setup, caller, self._forces[number], domain)
-        sight = self._kept[number] = Sight(train.setup)
+        sight = self._kept[number] = obs.Sight(train.setup)
         if sight.size != self._found.shape[1]:
             raise ValueError(
                 "reset: the observation of another line or train has another size; make another vector_env"
             )
-        self._memories[number] = cost_memory(train.loop.plant.train.velocity.item(0))
+        self._memories[number] = obs.cost_memory(train.loop.plant.train.velocity.item(0))
         train.loop.observe()
-        train.known = Known.of(train.loop.controller)
+        train.known = obs.Known.of(train.loop.controller)
         self._states[number], train.known.state = train.known.state, self._states[number]
         self._take(number, train)
         return train
@@ -353,7 +342,7 @@ class VectorEnv(CallerForces):
         if not quick:
             self._run_others(self._ticks)
         found = self._costs.T.copy()
-        costs = dict(zip(PER_TICK, found, strict=True))
+        costs = dict(zip(obs.PER_TICK, found, strict=True))
         info: dict[str, Any] = {"engaged": self._states[:, 0] > 0.0}
         if not quick and self._ended.any():
             info |= self._ends(costs)
@@ -439,7 +428,7 @@ class VectorEnv(CallerForces):
             train.watch.fail(loop.active, failure)
             train.ended = True
         arrays = plant.arrays
-        add_costs(
+        obs.add_costs(
             self._costs[number], self._memories[number], error, arrays.state, arrays.unit, arrays.gear, plant.n,
             train.setup.tick,
         )  # fmt: skip
@@ -491,7 +480,7 @@ class VectorEnv(CallerForces):
         for number in np.flatnonzero(self._ended).tolist():
             train = self._trains[number]
             metrics = train.metrics()
-            for name, cost in end_costs(train.setup, metrics, float(train.loop.plant.train.position[0])).items():
+            for name, cost in obs.end_costs(train.setup, metrics, float(train.loop.plant.train.position[0])).items():
                 costs[name][number] = cost
             found["metrics"][number], found["verdict"][number] = metrics, metrics.get("verdict")
             found["failure"][number] = train.watch.failure

@@ -16,20 +16,8 @@ from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_fo
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
 from train_ato.control.contract import LawPlan
+from train_ato.control.mpc import predictive_plan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
-from train_ato.control.mpc.predictive_plan import (
-    CONSTRAINTS,
-    ForceAhead,
-    HorizonModel,
-    NodeMotion,
-    PlanConstants,
-    PlannedNodes,
-    PlanReference,
-    PlanStart,
-    RelativeMotion,
-    direct_plan_step,
-    free_errors,
-)
 from train_ato.control.plan_text import PASSES
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
@@ -91,7 +79,7 @@ def ramp_response(t, lag):
 
 def horizon_model(
     nodes: Array, delays: Array, share: Array, lag: float, longest: float, *, omega: float, position_share: float
-) -> HorizonModel:
+) -> predictive_plan.HorizonModel:
     """Return the matrices for nodes at times after sending [s].
 
     ``delays`` [s] and ``share`` are those of the units, ``lag`` is that of the actuators [s]. The errors are weighted
@@ -115,7 +103,7 @@ def horizon_model(
     peak = slice(5 * nodes.size, 7 * nodes.size)
     dual[peak, peak] += 1.0 / (PEAK_WEIGHT * (position_share * omega**2) ** 2 * nodes[-1])
     matrices = (weighted_position.T, weighted_velocity.T, position, velocity, inverted, constraints, limited, dual)
-    return HorizonModel(*map(np.asfortranarray, matrices))
+    return predictive_plan.HorizonModel(*map(np.asfortranarray, matrices))
 
 
 @compiled
@@ -227,7 +215,7 @@ class ForcePlan:
         first = max(period, 0.1 / omega)
         self.nodes = node_times(first, max(lookahead, first * nodes), nodes)
         self.times = np.interp(np.arange(PARTS * (nodes - 1) + 1) / PARTS, np.arange(nodes), self.nodes)
-        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
+        self._models: dict[tuple[float, float, float], list[predictive_plan.HorizonModel]] = {}
         self._tables = force_tables(model)
         self._no_tables = np.full_like(self._tables, MAX_FORCE)
         self._couplers = CouplerLimit(model, coupler_limit) if coupler_limit else None
@@ -239,14 +227,14 @@ class ForcePlan:
         self._stop_time = STOP_GAIN / wave_gain(model, MATCHED_SHARE) if stops else math.inf
         steps, kept = np.append(model.lag or period, np.diff(self.nodes)), change_rows(self.nodes, model.lag)[1]
         pole, (slope, curvature) = APPROACH * omega, drag_slope(model)
-        self.constants = PlanConstants(
+        self.constants = predictive_plan.PlanConstants(
             self.nodes, steps, kept, passed=1.0 - exp_each(-self.nodes / PASSING_TIME), parts=PARTS,
             near=int(np.searchsorted(self.nodes[:-1], 1.0 / pole)), period=period, jerk=jerk, pole=pole,
             lag=model.lag, stop_time=self._stop_time, stop_room=STOP_ROOM, drag_slope=slope,
             drag_curvature=curvature, front=half, rear=half - model.consist.length, overspeed=overspeed,
             limits=records_of(SpeedLimit, model.line.restricted_limits),
         )  # fmt: skip
-        self.allowed = np.empty((CONSTRAINTS, nodes))
+        self.allowed = np.empty((predictive_plan.CONSTRAINTS, nodes))
         self.reset()
 
     def reset(self) -> None:
@@ -272,11 +260,11 @@ class ForcePlan:
             ]
         self._sides = self._models[key]
 
-    def decide(self, start: PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
+    def decide(self, start: predictive_plan.PlanStart, ahead: Lookahead, *, simulated: bool) -> float:
         """Return the total force for now [N]; ``simulated`` for the deviation from a simulated train."""
         effect, first = self._ticks, self._entries - 1
-        nodes = NodeMotion(ahead.position[first::PARTS].copy(), ahead.velocity[first::PARTS].copy())
-        reference = PlanReference(
+        nodes = predictive_plan.NodeMotion(ahead.position[first::PARTS].copy(), ahead.velocity[first::PARTS].copy())
+        reference = predictive_plan.PlanReference(
             nodes, start.required[first:], ahead.position.item(effect), ahead.velocity.item(effect),
             ahead.acceleration.item(effect), start.required.item(effect),
         )  # fmt: skip
@@ -284,9 +272,9 @@ class ForcePlan:
         if simulated and start.air_brake_acts:
             brake, traction = self._no_tables  # a brake that acts does not last, and the simulated train had its limits
         low, high = self._force_range(nodes, start.motion, ahead)
-        limits = ForceAhead(brake, traction, low, high, max(self._band, abs(start.position_error)))
-        found = PlannedNodes(*np.empty((5, self.nodes.size)))
-        exchanges, limited, at_brake_limit = direct_plan_step()(
+        limits = predictive_plan.ForceAhead(brake, traction, low, high, max(self._band, abs(start.position_error)))
+        found = predictive_plan.PlannedNodes(*np.empty((5, self.nodes.size)))
+        exchanges, limited, at_brake_limit = predictive_plan.direct_plan_step()(
             self._sides[int(start.last_force < 0.0)], self.constants, start, limits, reference, self.allowed,
             self._active, self._plan, found,
         )  # fmt: skip
@@ -306,11 +294,13 @@ class ForcePlan:
                 status = f"{status}, {PASSES} {beyond:.1f} m"  # only then the force is the reason
         return LawPlan(times, plan.position, plan.velocity, plan.force, plan.excess, status)
 
-    def _force_range(self, reference: NodeMotion, motion: RelativeMotion, ahead: Lookahead) -> Array:
+    def _force_range(
+        self, reference: predictive_plan.NodeMotion, motion: predictive_plan.RelativeMotion, ahead: Lookahead
+    ) -> Array:
         """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
         within = self._unbounded
         if self._couplers is not None:
-            errors: NodeMotion = free_errors(motion, self.nodes, self._model.lag)
+            errors: predictive_plan.NodeMotion = predictive_plan.free_errors(motion, self.nodes, self._model.lag)
             within = self._couplers.force_range(
                 reference.position + errors.position, reference.velocity + errors.velocity
             )

@@ -17,6 +17,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
+from train_ato.profile.planner import passes
 from train_ato.profile.planner.accelerations import (
     SectionTables,
     acceleration_table,
@@ -27,16 +28,6 @@ from train_ato.profile.planner.accelerations import (
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.dynamic_programming import CoarseGrid, EnergyWeights, Resolution
 from train_ato.profile.planner.line_tables import PlaceGrid
-from train_ato.profile.planner.passes import (
-    BRAKE,
-    COAST,
-    TRACTION,
-    backward,
-    durations,
-    flatten_peaks,
-    forward,
-    sliding_extreme,
-)
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
@@ -190,8 +181,8 @@ class ForceReserve:
             np.maximum.at(most, cell, over)
             np.maximum.at(width, cell[over > 0.0], widths[over > 0.0])
             reach = np.full(grid.cells, float(width.max()))
-            near = sliding_extreme(width, reach, grid.places, True)
-            spread = sliding_extreme(most, near, grid.places, True)
+            near = passes.sliding_extreme(width, reach, grid.places, True)
+            spread = passes.sliding_extreme(most, near, grid.places, True)
             fraction += np.where(spread > 0.0, STEP_FACTOR * spread + MIN_STEP, 0.0)
             np.minimum(fraction, MAX_RESERVE, out=fraction)
         self.changes += 1
@@ -297,7 +288,7 @@ class PlanSection:
                 f"begin_speed {3.6 * self.begin_speed:.1f} km/h at km {self.begin / 1000:.3f} is too high: limits and "
                 f"braking curves ahead allow {3.6 * np.sqrt(2 * top[0]):.1f} km/h; reduce begin_speed"
             )
-        energy, stalled = forward(
+        energy, stalled = passes.forward(
             top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, tables.air, grid.steps,
             tables.reserves, settings.acceleration or np.inf, settings.deceleration or np.inf, first,
             strategy.cut_off_energy(grid.places), strategy.brake_onset_energy(grid.places),
@@ -312,7 +303,7 @@ class PlanSection:
                 f"{3.6 * np.sqrt(2 * energy[-1]):.1f} km/h; brake earlier"
             )
         if self.window > 0:
-            flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
+            passes.flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
         return np.asarray(energy)
 
     def copy(self) -> "PlanSection":
@@ -335,7 +326,7 @@ class PlanSection:
     def _ceiling_energy(self, limit: Array, coast_above: float = np.inf) -> Array:
         """Return the largest v²/2 that keeps every limit ahead [m²/s²]."""
         grid, tables = self.grid, self.tables
-        top, lost = backward(
+        top, lost = passes.backward(
             limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, tables.air, grid.steps,
             tables.reserves, self.inputs.settings.deceleration or np.inf, self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
@@ -373,7 +364,7 @@ class PlanSection:
 
     def time_of(self, energy: Array) -> float:
         """Return the running time of the section with v²/2 at the places of its grid [s]."""
-        return float(durations(energy, self.grid.steps).sum()) + self.window
+        return float(passes.durations(energy, self.grid.steps).sum()) + self.window
 
     def times(self, start: float, period: float, history: Array) -> tuple[Array, float]:
         """Return the multiples of the period within the section, and the time of its end [s]."""
@@ -426,9 +417,9 @@ class PlanSection:
         if self.window > 0 and self.fastest_speed is not None:
             speed = np.interp(grid.places, *self.fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
-            low = sliding_extreme(low, width, grid.places, False)
-            high = sliding_extreme(high, width, grid.places, True)
-            air[[0, 2]] = [sliding_extreme(air[1], width, grid.places, largest) for largest in (False, True)]
+            low = passes.sliding_extreme(low, width, grid.places, False)
+            high = passes.sliding_extreme(high, width, grid.places, True)
+            air[[0, 2]] = [passes.sliding_extreme(air[1], width, grid.places, largest) for largest in (False, True)]
         extension = self.limit_extension * self.window / 2
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
         for ceiling in (self.ceiling, self.inputs.ceiling):
@@ -437,7 +428,7 @@ class PlanSection:
         rates = acceleration_table(train, self.inputs.settings, self.window, extend_steps=self.extend_steps)
         placed, which = np.zeros((0, 2, train.speed.size)), np.zeros(grid.cells, dtype=np.int64)
         if places is not None:
-            forces = np.stack((rates[TRACTION] + rates[COAST], rates[BRAKE] - rates[COAST]))
+            forces = np.stack((rates[passes.TRACTION] + rates[passes.COAST], rates[passes.BRAKE] - rates[passes.COAST]))
             forces *= train.inertia / (1.0 - self.inputs.settings.force_margin)
             ranges = averaging_range(train, self.inputs.settings, self.window)
             placed, which = places.over_cells(grid, width, ranges, forces)
