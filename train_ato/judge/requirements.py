@@ -26,23 +26,7 @@ from train_ato.judge.metrics import JERK_SPAN, front_of_train, limit_over_train,
 from train_ato.judge.recording import BRAKE_PIPE, BRAKE_PIPE_TAIL, BRAKE_SHOES, SUPERVISED_SPEEDS, Recording
 from train_ato.judge.stops import PlannedStop, planned_stops
 from train_ato.messages.types import Array
-from train_ato.scenario.formula import (
-    AbsTerm,
-    ArithmeticTerm,
-    Connective,
-    Formula,
-    Negation,
-    NumberTerm,
-    Predicate,
-    SignalTerm,
-    Temporal,
-    Term,
-    Window,
-    parse_formula,
-    robustness_dimension,
-    signals_of,
-    unit_text,
-)
+from train_ato.scenario import formula as stl
 from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import find_signal, unavailable_signal
 
@@ -50,7 +34,7 @@ _ON_GRID = 1e-6
 """Part of a tick by which a limit of a window may be beside a sample."""
 
 
-def robustness_series(formula: Formula, signals: Mapping[str, Array], tick: float) -> Array:
+def robustness_series(formula: stl.Formula, signals: Mapping[str, Array], tick: float) -> Array:
     """Return the robustness at every sample, shape (k,).
 
     Parameters
@@ -65,13 +49,13 @@ def robustness_series(formula: Formula, signals: Mapping[str, Array], tick: floa
     return _Samples(signals, tick).formula(formula, 1.0)
 
 
-def robustness_at_start(formula: Formula, signals: Mapping[str, Array], tick: float) -> float:
+def robustness_at_start(formula: stl.Formula, signals: Mapping[str, Array], tick: float) -> float:
     """Return the robustness at the first sample, that of the run; parameters as :func:`robustness_series`."""
     return _Samples(signals, tick).at_start(formula, 1.0)
 
 
 def robustness_bounds(
-    formula: Formula, signals: Mapping[str, Array], tick: float, remaining: int
+    formula: stl.Formula, signals: Mapping[str, Array], tick: float, remaining: int
 ) -> tuple[float, float]:
     """Return the smallest and the largest robustness at the start of a run that is not complete.
 
@@ -96,15 +80,15 @@ class _Samples:
         self._signals, self._tick, self._remaining = signals, tick, remaining
         self._size = next(iter(signals.values())).size
 
-    def at_start(self, node: Formula, sign: float) -> float:
+    def at_start(self, node: stl.Formula, sign: float) -> float:
         """Return the robustness at the first sample; the outer operators need no series."""
-        if isinstance(node, Negation):
+        if isinstance(node, stl.Negation):
             return -self.at_start(node.operand, -sign)
-        if isinstance(node, Connective) and node.operator != "->":
+        if isinstance(node, stl.Connective) and node.operator != "->":
             return (min if node.operator == "and" else max)(
                 self.at_start(node.left, sign), self.at_start(node.right, sign)
             )
-        if isinstance(node, Temporal) and node.operator in ("G", "F"):
+        if isinstance(node, stl.Temporal) and node.operator in ("G", "F"):
             begin, end = self._window(node.window)
             values = self.formula(node.operand, sign)[begin : end + 1]
             if node.operator == "G":
@@ -112,22 +96,22 @@ class _Samples:
             return float(values.max(initial=-math.inf))
         return float(self.formula(node, sign)[0])
 
-    def formula(self, node: Formula, sign: float) -> Array:
+    def formula(self, node: stl.Formula, sign: float) -> Array:
         """Return the robustness at every sample; an unknown predicate is infinite, with ``sign`` 1 false."""
-        if isinstance(node, Predicate):
+        if isinstance(node, stl.Predicate):
             left, right = self._term(node.left), self._term(node.right)
             values = np.broadcast_to(right - left if node.operator == "<=" else left - right, (self._size,))
             return np.append(values, np.full(self._remaining, -sign * math.inf)) if self._remaining else values
-        if isinstance(node, Negation):
+        if isinstance(node, stl.Negation):
             return -self.formula(node.operand, -sign)
-        if isinstance(node, Connective):
+        if isinstance(node, stl.Connective):
             right = self.formula(node.right, sign)
             if node.operator == "->":
                 return np.maximum(-self.formula(node.left, -sign), right)
             return (np.minimum if node.operator == "and" else np.maximum)(self.formula(node.left, sign), right)
         begin, end = self._window(node.window)
         past = node.operator in ("O", "H", "S")
-        if isinstance(node, Temporal):
+        if isinstance(node, stl.Temporal):
             lowest = node.operator in ("G", "H")
             return _reversed_if(
                 past, _extreme(_reversed_if(past, self.formula(node.operand, sign)), begin, end, lowest=lowest)
@@ -135,21 +119,21 @@ class _Samples:
         left, right = (_reversed_if(past, self.formula(part, sign)) for part in (node.left, node.right))
         return _reversed_if(past, _until(left, right, begin, end))
 
-    def _window(self, window: Window) -> tuple[int, int]:
+    def _window(self, window: stl.Window) -> tuple[int, int]:
         """Return the first and the last sample of a window, at most the number of all samples."""
         size = self._size + self._remaining
         begin = math.ceil(min(window.begin / self._tick, size) - _ON_GRID)
         return begin, max(begin - 1, math.floor(min(window.end / self._tick, size) + _ON_GRID))
 
-    def _term(self, node: Term) -> Array | float:
+    def _term(self, node: stl.Term) -> Array | float:
         """Return the values of a term, shape (k,), or its only value."""
-        if isinstance(node, NumberTerm):
+        if isinstance(node, stl.NumberTerm):
             return node.value
-        if isinstance(node, SignalTerm):
+        if isinstance(node, stl.SignalTerm):
             return self._signals[node.name]
-        if isinstance(node, AbsTerm):
+        if isinstance(node, stl.AbsTerm):
             return np.abs(self._term(node.operand))
-        assert isinstance(node, ArithmeticTerm)
+        assert isinstance(node, stl.ArithmeticTerm)
         left, right = self._term(node.left), self._term(node.right)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             if node.operator == "/":
@@ -336,15 +320,15 @@ class Robustness:
         return self.lower if self.lower == self.upper and math.isfinite(self.lower) else None
 
 
-def evaluate_formula(formula: Formula, setup: RunSetup, recording: Recording) -> Robustness:
+def evaluate_formula(formula: stl.Formula, setup: RunSetup, recording: Recording) -> Robustness:
     """Return the robustness of a formula over a recording with at least one complete tick.
 
     The recording of a run that ended early has bounds for all continuations up to the duration of the scenario.
     """
-    signals = signal_series(signals_of(formula), setup, recording)
+    signals = signal_series(stl.signals_of(formula), setup, recording)
     remaining = max(0, setup.ticks - recording.time.size)
-    dimension = robustness_dimension(formula)
-    unit = "" if dimension is None else unit_text(dimension)
+    dimension = stl.robustness_dimension(formula)
+    unit = "" if dimension is None else stl.unit_text(dimension)
     at_s = _decisive_time(formula, signals, setup.tick)
     if remaining:
         return Robustness(*robustness_bounds(formula, signals, setup.tick, remaining), unit, at_s)
@@ -352,17 +336,17 @@ def evaluate_formula(formula: Formula, setup: RunSetup, recording: Recording) ->
     return Robustness(value, value, unit, at_s)
 
 
-def _decisive_time(formula: Formula, signals: Mapping[str, Any], tick: float) -> float | None:
+def _decisive_time(formula: stl.Formula, signals: Mapping[str, Any], tick: float) -> float | None:
     """Return the time of the margin that is the robustness at the start of a run [s], or None."""
-    if isinstance(formula, Predicate):
+    if isinstance(formula, stl.Predicate):
         return 0.0
-    if isinstance(formula, Negation):
+    if isinstance(formula, stl.Negation):
         return _decisive_time(formula.operand, signals, tick)
-    if isinstance(formula, Connective):
-        parts = (Negation(formula.left) if formula.operator == "->" else formula.left, formula.right)
+    if isinstance(formula, stl.Connective):
+        parts = (stl.Negation(formula.left) if formula.operator == "->" else formula.left, formula.right)
         choose = min if formula.operator == "and" else max
         return _decisive_time(choose(parts, key=lambda part: robustness_at_start(part, signals, tick)), signals, tick)
-    if not isinstance(formula, Temporal) or formula.operator not in ("G", "F"):
+    if not isinstance(formula, stl.Temporal) or formula.operator not in ("G", "F"):
         return None
     begin = math.ceil(formula.window.begin / tick - 1e-6)
     margins = robustness_series(formula.operand, signals, tick)
@@ -381,7 +365,7 @@ def requirement_rows(setup: RunSetup, recording: Recording) -> list[dict[str, An
     """
     rows = []
     for name, text in (setup.scenario.criteria.requirements or {}).items():
-        found = evaluate_formula(parse_formula(text), setup, recording)
+        found = evaluate_formula(stl.parse_formula(text), setup, recording)
         rows.append(requirement_row(name, text, found, setup, recording))
     return rows
 
@@ -401,8 +385,8 @@ def recorded_rows(recording: Recording, formulas: Sequence[str], where: str) -> 
         raise ValueError(f"{where}: the log has no complete tick; name another run")
     rows = []
     for text in formulas:
-        formula = parse_formula(text)
-        if reason := unavailable_signal(signals_of(formula), setup.layout, setup.line):
+        formula = stl.parse_formula(text)
+        if reason := unavailable_signal(stl.signals_of(formula), setup.layout, setup.line):
             raise ValueError(f"{where} '{text}': {reason}")
         rows.append(requirement_row(text, text, evaluate_formula(formula, setup, recording), setup, recording))
     return rows

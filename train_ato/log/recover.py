@@ -24,23 +24,10 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment
 
 from plant_sim.data_text import parse_yaml
+from train_ato.log import mcap_records as records
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, PARTIAL, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.foreign_bag import BAG, PACKED, ROS_1, SQLITE, bag_files, head_of, of_damaged_sqlite, unpack
 from train_ato.log.log_writer import LogFile
-from train_ato.log.mcap_records import (
-    CHUNK,
-    HEAD,
-    Damage,
-    Definitions,
-    Progress,
-    RawMessage,
-    attachment_of,
-    chunk_content,
-    chunk_head,
-    metadata_of,
-    stream,
-    summary_of,
-)
 from train_ato.log.mcap_writer import MAGIC
 from train_ato.log.reading import WALL_TIME, WallTime, being_written, log_file
 from train_ato.log.whole_file import write_whole
@@ -71,7 +58,7 @@ def rewritten(log: Path) -> Path | None:
 def _information(log: Path) -> dict[str, Any] | None:
     """Return the bag information of a log from its summary; None without a summary."""
     with log.open("rb") as file:
-        summary = summary_of(file, log.stat().st_size)
+        summary = records.summary_of(file, log.stat().st_size)
     if summary is None or summary.statistics is None:
         return None
     statistics, channels = summary.statistics, []
@@ -142,7 +129,7 @@ class Recovered:
     metadata_only: bool = False
 
 
-def recover(file: Path, progress: Progress | None = None) -> Recovered:
+def recover(file: Path, progress: records.Progress | None = None) -> Recovered:
     """Write the undamaged part of a log and its ``metadata.yaml``; for an undamaged log only ``metadata.yaml``.
 
     Parameters
@@ -221,7 +208,7 @@ def _names(file: Path) -> tuple[Path, Path]:
 def _whole(path: Path) -> int | None:
     """Return the number of messages in a log, None if it is damaged."""
     try:
-        return sum(1 for _ in stream(log_file(path)))
+        return sum(1 for _ in records.stream(log_file(path)))
     except ValueError:
         return None
 
@@ -237,7 +224,7 @@ def _metadata_again(log: Path, messages: int) -> Recovered:
     return Recovered(log, kept if there else None, messages, 0, metadata_only=True)
 
 
-def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) -> tuple[int, int]:
+def _rewrite(source: Path, scratch: Path, name: str, progress: records.Progress | None) -> tuple[int, int]:
     """Write the undamaged messages of a file into a folder; return the numbers of messages and of lost chunks."""
     log: LogFile | None = None
     numbers: dict[int, int] = {}
@@ -260,8 +247,8 @@ def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) 
 
 @contextmanager
 def _readable_part(
-    source: Path, scratch: Path, progress: Progress | None
-) -> "Iterator[tuple[DamagedLog | None, Iterator[RawMessage]]]":
+    source: Path, scratch: Path, progress: records.Progress | None
+) -> "Iterator[tuple[DamagedLog | None, Iterator[records.RawMessage]]]":
     """Yield the readable messages of a file, and the log of an MCAP file."""
     if source.stat().st_size == 0:
         raise ValueError(f"{source}: is empty; nothing can be recovered")
@@ -292,14 +279,14 @@ class DamagedLog:
         Receiver of the fraction of the file that is read.
     """
 
-    def __init__(self, data: mmap.mmap, progress: Progress | None = None) -> None:
+    def __init__(self, data: mmap.mmap, progress: records.Progress | None = None) -> None:
         self._data = data
         self._progress = progress
         self.lost = 0
 
-    def messages(self) -> Iterator[RawMessage]:
+    def messages(self) -> Iterator[records.RawMessage]:
         """Yield the messages of every undamaged chunk, in the order of the file."""
-        known = Definitions()
+        known = records.Definitions()
         chunks = list(self._chunks())
         if not chunks:
             yield from self._outside(known)
@@ -314,19 +301,19 @@ class DamagedLog:
             if self._progress is not None:
                 self._progress(begin / len(self._data))
 
-    def _outside(self, known: Definitions) -> Iterator[RawMessage]:
+    def _outside(self, known: records.Definitions) -> Iterator[records.RawMessage]:
         """Yield the messages of a file without chunks that breaks off, up to the first record that is not whole."""
         end = next((place for code, place, _ in self._records() if code == Opcode.DATA_END), None)
         if end is not None and (self._data[-len(MAGIC) :] == MAGIC or not self._is_checked(end)):
             return  # the file does not break off: a bit is wrong somewhere
-        with suppress(Damage):
+        with suppress(records.Damage):
             for code, begin, end in self._records():
                 if code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                     yield from known.messages(self._data[begin:end])
 
     def _is_checked(self, end: int) -> bool:
         """Return True if the data before the record of their end agree with its checksum; without one they do."""
-        (crc,) = struct.unpack_from("<I", self._data, end + HEAD.size)
+        (crc,) = struct.unpack_from("<I", self._data, end + records.HEAD.size)
         with memoryview(self._data) as data:
             return crc in (0, zlib.crc32(data[:end]))
 
@@ -334,57 +321,57 @@ class DamagedLog:
         """Yield code, begin and end of the records up to the first one that is not whole."""
         place = len(MAGIC)
         while (content := self._content(place)) is not None and self._data[place] in RECORDS:
-            yield self._data[place], place, place + HEAD.size + len(content)
-            place += HEAD.size + len(content)
+            yield self._data[place], place, place + records.HEAD.size + len(content)
+            place += records.HEAD.size + len(content)
 
-    def _inside(self, content: bytes | None, known: Definitions) -> list[RawMessage]:
+    def _inside(self, content: bytes | None, known: records.Definitions) -> list[records.RawMessage]:
         """Return the messages of a chunk, none of a damaged one."""
         try:
-            data = chunk_content(content or b"")
+            data = records.chunk_content(content or b"")
             try:
                 return list(known.messages(data))
-            except Damage:
+            except records.Damage:
                 self._take_summary(known)
                 return list(known.messages(data))
-        except Damage:
+        except records.Damage:
             self.lost += 1
             return []
 
     def _chunks(self) -> Iterator[tuple[int, int]]:
         """Yield place and checksum of every candidate for a chunk."""
         place = 0
-        while (found := CHUNK.search(self._data, place)) is not None:
+        while (found := records.CHUNK.search(self._data, place)) is not None:
             begin = found.start()
             place = begin + 1
             content = self._content(begin)
             try:
-                crc = chunk_head(content or b"").crc
-            except Damage:
+                crc = records.chunk_head(content or b"").crc
+            except records.Damage:
                 self.lost += not found[0].endswith(bytes(4))
                 continue
             yield begin, crc
-            place = begin + HEAD.size + len(content or b"")
+            place = begin + records.HEAD.size + len(content or b"")
             self._data.madvise(mmap.MADV_DONTNEED, 0, begin - begin % mmap.PAGESIZE)
 
     def _content(self, begin: int) -> bytes | None:
         """Return the content of the record at a place, None if it extends beyond the end."""
-        if begin + HEAD.size > len(self._data):
+        if begin + records.HEAD.size > len(self._data):
             return None
-        _, length = HEAD.unpack_from(self._data, begin)
-        start = begin + HEAD.size
+        _, length = records.HEAD.unpack_from(self._data, begin)
+        start = begin + records.HEAD.size
         return self._data[start : start + length] if length <= len(self._data) - start else None
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attachments before the first damage with a correct checksum."""
         for content in self._undamaged(Opcode.ATTACHMENT):
-            with suppress(Damage):
-                yield attachment_of(content)
+            with suppress(records.Damage):
+                yield records.attachment_of(content)
 
     def wall_time(self) -> WallTime | None:
         """Return the begin of the recording in wall time; None without a consistent record before the damage."""
         for content in self._undamaged(Opcode.METADATA):
-            with suppress(Damage):
-                record = metadata_of(content)
+            with suppress(records.Damage):
+                record = records.metadata_of(content)
                 found = WallTime.of(record.metadata) if record.name == WALL_TIME else None
                 if found is not None:
                     return WallTime(found.begin_ns)  # metadata has no checksum; only the begin is there twice
@@ -394,12 +381,12 @@ class DamagedLog:
         """Yield the content of the records of a kind before the first damage of a length."""
         for found, begin, end in self._records():
             if found == code:
-                yield self._data[begin + HEAD.size : end]
+                yield self._data[begin + records.HEAD.size : end]
 
-    def _take_summary(self, known: Definitions) -> None:
+    def _take_summary(self, known: records.Definitions) -> None:
         """Add schemas and channels of the summary, if it has a correct checksum."""
-        with suppress(Damage):
-            summary = summary_of(self._data, len(self._data))
+        with suppress(records.Damage):
+            summary = records.summary_of(self._data, len(self._data))
             if summary is not None and summary.checked:
                 known.schemas |= summary.known.schemas
                 known.channels |= summary.known.channels

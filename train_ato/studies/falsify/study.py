@@ -30,15 +30,8 @@ from train_ato.scenario.formula import parse_formula, robustness_dimension, sign
 from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.setup import RunSetup
 from train_ato.scenario.signals import unavailable_signal
-from train_ato.studies.falsify.search import (
-    FalsificationSearch,
-    SearchRow,
-    SearchSpace,
-    TargetRun,
-    read_spec,
-    search_space,
-    smallest_break,
-)
+from train_ato.studies.falsify import search as searching
+from train_ato.studies.falsify.search import TargetRun
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -176,14 +169,14 @@ class Falsification:
 
     scenario: ScenarioChoice
     target: RequirementTarget
-    space: SearchSpace
-    rows: list[SearchRow]
+    space: searching.SearchSpace
+    rows: list[searching.SearchRow]
     interrupted: bool = False
 
     @property
-    def smallest(self) -> SearchRow | None:
+    def smallest(self) -> searching.SearchRow | None:
         """Run that breaks the requirement with the smallest departure; None without a break."""
-        return smallest_break(self.rows)
+        return searching.smallest_break(self.rows)
 
     @property
     def found(self) -> bool:
@@ -349,9 +342,9 @@ class FalsificationStudy:
         self.scenario = choice
         self.target = requirement_target(requirement, choice.checked, f"{dash}requirement")
         where = "over" if isinstance(over, Mapping) else f"{over}: over"
-        dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else read_spec(Path(over))
+        dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else searching.read_spec(Path(over))
         check_signals(self.target, choice.prepare(), f"{dash}requirement")
-        self.space = search_space(choice, dimensions, where)
+        self.space = searching.search_space(choice, dimensions, where)
 
     def spec(self, seed: int) -> dict[str, Any]:
         """Return what determines the runs of a search beside the scenario, as plain data."""
@@ -368,14 +361,14 @@ class FalsificationStudy:
         jobs: int,
         *,
         shrink: bool,
-        note: Callable[[SearchRow], None] | None = None,
+        note: Callable[[searching.SearchRow], None] | None = None,
         kept: KeptRuns | None = None,
     ) -> Falsification:
         """Run the search, those of the runs that are not ``kept``; Ctrl-C ends it with the result so far."""
         interrupted = False
         task = partial(run_target, self.scenario, self.target)
         with search_runs(task, jobs, lambda why: TargetRun(nan, f"failed: {why}"), kept, TargetRun._make) as run_all:
-            search = FalsificationSearch(self.space, run_all, runs, jobs, seed=seed, note=note)
+            search = searching.FalsificationSearch(self.space, run_all, runs, jobs, seed=seed, note=note)
             try:
                 search.find()
                 if shrink:
