@@ -5,25 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bokeh import models
 from bokeh.events import DoubleTap
-from bokeh.models import (
-    AdaptiveTicker,
-    BasicTickFormatter,
-    BoxZoomTool,
-    ColumnDataSource,
-    CompositeTicker,
-    CrosshairTool,
-    CustomJS,
-    CustomJSHover,
-    CustomJSTickFormatter,
-    Legend,
-    PanTool,
-    Range1d,
-    ResetTool,
-    SaveTool,
-    Span,
-    WheelZoomTool,
-)
 from bokeh.plotting import figure as bokeh_figure
 
 from train_ato.program.display_units import display_unit, shown_name, shown_texts
@@ -76,11 +59,11 @@ class Linked:
 
     def __init__(self, begin: float, end: float, events: list[Event] | None = None) -> None:
         margin = 0.004 * max(end - begin, 1.0)
-        self.time = Range1d(begin - margin, end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
-        self.place = Range1d(0.0, 1.0)
+        self.time = models.Range1d(begin - margin, end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
+        self.place = models.Range1d(0.0, 1.0)
         self.hours = end >= 3600.0
-        self._time_cursor = Span(dimension="height", **CURSOR)
-        self._place_cursor = Span(dimension="height", **CURSOR)
+        self._time_cursor = models.Span(dimension="height", **CURSOR)
+        self._place_cursor = models.Span(dimension="height", **CURSOR)
         self.marks = _sources(events or [])
         self.marked: dict[str, list[Any]] = {kind: [] for kind in self.marks}
         self.figures_over_time: list[Figure] = []
@@ -105,7 +88,7 @@ class Linked:
         plot.xaxis.axis_label = self.time_words
         plot.xaxis.ticker = time_ticker()
         plot.xaxis.formatter = time_formatter(hours=self.hours)
-        plot.add_tools(CrosshairTool(overlay=self._time_cursor))
+        plot.add_tools(models.CrosshairTool(overlay=self._time_cursor))
         if marked:
             self._mark(plot, tinted=tinted)
         self.figures_over_time.append(plot)
@@ -116,13 +99,13 @@ class Linked:
         plot = _plain(axis, height, x_range=self.place, **options)
         plot.min_border_right = RIGHT + SECOND_AXIS
         plot.xaxis.axis_label = axis_title("distance")
-        plot.add_tools(CrosshairTool(overlay=self._place_cursor))
+        plot.add_tools(models.CrosshairTool(overlay=self._place_cursor))
         self.figures_over_distance.append(plot)
         return plot
 
-    def clock(self, digits: int = 1) -> CustomJSHover:
+    def clock(self, digits: int = 1) -> models.CustomJSHover:
         """Return the time format of a tooltip."""
-        return CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
+        return models.CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
 
     def _mark(self, plot: Figure, *, tinted: bool) -> None:
         """Mark events without duration by lines, others by tinted bands."""
@@ -141,7 +124,7 @@ class Linked:
                 ))  # fmt: skip
 
 
-def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDataSource]]:
+def _sources(events: list[Event]) -> dict[str, tuple[models.ColumnDataSource, models.ColumnDataSource]]:
     """Return tables of the events without and with a duration, by kind."""
     result = {}
     for kind in KINDS:
@@ -153,17 +136,24 @@ def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDat
     return result
 
 
-def _table(events: list[Event], *names: str) -> ColumnDataSource:
-    return ColumnDataSource({name: [getattr(event, name) for event in events] for name in names})
+def _table(events: list[Event], *names: str) -> models.ColumnDataSource:
+    return models.ColumnDataSource({name: [getattr(event, name) for event in events] for name in names})
 
 
 def _plain(axis: str, height: int, **options: Any) -> Figure:
     """Return a figure in the common style."""
-    zoom = BoxZoomTool(dimensions="width")
+    zoom = models.BoxZoomTool(dimensions="width")
     plot = bokeh_figure(
         height=height,
         sizing_mode="stretch_width",
-        tools=[zoom, BoxZoomTool(), PanTool(), WheelZoomTool(dimensions="width"), ResetTool(), SaveTool()],
+        tools=[
+            zoom,
+            models.BoxZoomTool(),
+            models.PanTool(),
+            models.WheelZoomTool(dimensions="width"),
+            models.ResetTool(),
+            models.SaveTool(),
+        ],
         active_drag=zoom,
         active_scroll=None,
         toolbar_location="right",
@@ -179,9 +169,9 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
     )
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
-    plot.js_on_event(DoubleTap, CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
+    plot.js_on_event(DoubleTap, models.CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
     plot.yaxis.axis_label = axis_title(axis)
-    plot.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+    plot.yaxis.formatter = models.BasicTickFormatter(use_scientific=False)
     for side in plot.axis:
         style_axis(side)
     plot.grid.grid_line_color = FAINT
@@ -205,7 +195,7 @@ def add_page_legend(plot: Figure, items: list[Any]) -> None:
     """Add a legend above the frame; a click on an entry hides its line."""
     columns = _columns([item.label.value for item in items])
     plot.height += LEGEND_ROW * (math.ceil(len(items) / columns) - 1)
-    legend = Legend(
+    legend = models.Legend(
         items=items,
         orientation="horizontal",
         location=(0, LEGEND_GAP),
@@ -238,28 +228,30 @@ LEGEND_WIDTH, LETTER, LEGEND_ROW, LEGEND_GAP = 1000.0, 6.2, 28, 3
 """Width of a legend, mean width of a letter, height of a row, gap between legend and frame [pixels]."""
 
 
-def number(digits: int) -> CustomJSHover:
+def number(digits: int) -> models.CustomJSHover:
     """Return the number format of a tooltip; a dash without a value."""
-    return CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
+    return models.CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
 
 
-def time_formatter(*, hours: bool) -> CustomJSTickFormatter:
+def time_formatter(*, hours: bool) -> models.CustomJSTickFormatter:
     """Return the time format of an axis, with decimals according to the tick distance."""
     code = """
         const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
         const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
-    return CustomJSTickFormatter(args={"hours": hours}, code=code + _CLOCK)
+    return models.CustomJSTickFormatter(args={"hours": hours}, code=code + _CLOCK)
 
 
-def time_ticker() -> CompositeTicker:
+def time_ticker() -> models.CompositeTicker:
     """Return ticks at whole seconds, minutes and hours."""
-    return CompositeTicker(
+    return models.CompositeTicker(
         tickers=[
-            AdaptiveTicker(base=10, mantissas=[1, 2, 5], min_interval=0.001, max_interval=0.5, num_minor_ticks=0),
-            AdaptiveTicker(
+            models.AdaptiveTicker(
+                base=10, mantissas=[1, 2, 5], min_interval=0.001, max_interval=0.5, num_minor_ticks=0
+            ),
+            models.AdaptiveTicker(
                 base=60, mantissas=[1, 2, 5, 10, 15, 30], min_interval=1.0, max_interval=1800.0, num_minor_ticks=0
             ),
-            AdaptiveTicker(base=24, mantissas=[1, 2, 4, 6, 12], min_interval=3600.0, num_minor_ticks=0),
+            models.AdaptiveTicker(base=24, mantissas=[1, 2, 4, 6, 12], min_interval=3600.0, num_minor_ticks=0),
         ]
     )
 

@@ -28,19 +28,10 @@ from train_ato.log.whole_file import writing
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
 from train_ato.program.errors import refused_unwritten
+from train_ato.report import page_data
 from train_ato.report import quantities as q
 from train_ato.report.curves import Curves, curves_of, shown_curves
 from train_ato.report.events import Event, detect_events
-from train_ato.report.page_data import (
-    NO_CODE,
-    HeatMap,
-    PageData,
-    downsampled,
-    largest_magnitude,
-    motion_differences,
-    run_colours,
-    run_dash,
-)
 from train_ato.report.words import MODES, driven_laws, evaluation_note
 from train_ato.scenario.setup import RunSetup
 
@@ -177,7 +168,7 @@ def over_time(
     events: Sequence[Event],
     end: float,
     title: str,
-    heat: tuple[str, HeatMap] | None = None,
+    heat: tuple[str, page_data.HeatMap] | None = None,
     *,
     summary: Mapping[str, Any] = MappingProxyType({}),
 ) -> Figure | None:
@@ -311,10 +302,10 @@ def mark_events(axes: Axes, events: Sequence[Event]) -> None:
             axes.axvspan(event.begin, event.end, color=colour, alpha=0.15, lw=0, zorder=0.5)
 
 
-def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: q.Heat) -> None:
+def draw_map(figure: Figure, axes: Axes, picture: page_data.HeatMap, heat: q.Heat) -> None:
     """Draw a picture of all vehicles over time, the front of the train on top."""
     count = picture.codes.shape[0]
-    values = np.where(picture.codes == NO_CODE, np.nan, picture.codes * picture.unit)
+    values = np.where(picture.codes == page_data.NO_CODE, np.nan, picture.codes * picture.unit)
     colours = ListedColormap(q.buff_to_draft(255) if heat.signed else q.none_to_full(255))
     image = axes.imshow(
         values, aspect="auto", cmap=colours, vmin=-picture.largest if heat.signed else 0.0, vmax=picture.largest,
@@ -327,7 +318,7 @@ def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: q.Heat) -> None
     bar.outline.set_linewidth(0.5)
 
 
-def draw_track(axes: Axes, data: PageData) -> None:
+def draw_track(axes: Axes, data: page_data.PageData) -> None:
     """Draw grade and curves over distance, and the height on a second axis."""
     shape = data.track
     assert shape is not None
@@ -394,13 +385,13 @@ def write_figure(figure: Figure, path: Path) -> None:
         figure.savefig(path)
 
 
-def _title(data: PageData, text: str) -> str:
+def _title(data: page_data.PageData, text: str) -> str:
     named = data.summary.get("scenario", data.label)
     law = data.facts.get("law")
     return f"{named}{f', law {law}' if law else ''}: {text}"
 
 
-def _over_distance(data: PageData) -> Figure | None:
+def _over_distance(data: page_data.PageData) -> Figure | None:
     lines = data.curves.get("speed")
     if lines is None or "position_km" not in lines.columns:
         return None
@@ -442,7 +433,7 @@ PRINT_FIGURES: dict[str, tuple[str, tuple[str, ...], str]] = {
 DISTANCE = "speed_over_distance"
 
 
-def write_print_figures(data: PageData, folder: Path, kind: str) -> list[Path]:
+def write_print_figures(data: page_data.PageData, folder: Path, kind: str) -> list[Path]:
     """Write every figure with data.
 
     Parameters
@@ -482,13 +473,13 @@ COMPARED: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 @styled()
-def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
+def comparison_figure(pages: Sequence[page_data.PageData], title: str) -> Figure | None:
     """Return a figure of several runs: speed, difference from the first, speed error, force, coupler extremes."""
-    runs = [(data, colour) for data, colour in zip(pages, run_colours(len(pages)), strict=True)]
+    runs = [(data, colour) for data, colour in zip(pages, page_data.run_colours(len(pages)), strict=True)]
     parts = [part for part in COMPARED if any(part[0] in data.curves for data, _ in runs)]
     if not parts:
         return None
-    differences = motion_differences(pages)
+    differences = page_data.motion_differences(pages)
     figure, axes = sheet(len(parts) + bool(differences))
     if differences:
         _draw_differences(axes.pop(1), differences, runs)
@@ -504,9 +495,11 @@ def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
                 )
             label: str | None = data.label
             for column in columns:
-                values = largest_magnitude(lines, column)
+                values = page_data.largest_magnitude(lines, column)
                 if values is not None:
-                    panel.plot(lines.time, values, color=colour, lw=0.8, ls=DASHES[run_dash(index)], label=label)
+                    panel.plot(
+                        lines.time, values, color=colour, lw=0.8, ls=DASHES[page_data.run_dash(index)], label=label
+                    )
                     label = None
         panel.set_ylabel(q.axis_title(q.PANELS[name][0]))
         panel.margins(x=0.01, y=0.08)
@@ -517,20 +510,22 @@ def comparison_figure(pages: Sequence[PageData], title: str) -> Figure | None:
 
 
 def _draw_differences(
-    panel: Axes, differences: Mapping[str, MotionDifference], runs: Sequence[tuple[PageData, str]]
+    panel: Axes, differences: Mapping[str, MotionDifference], runs: Sequence[tuple[page_data.PageData, str]]
 ) -> None:
     """Draw the speed of every later run minus that of the first one."""
     for index, (data, colour) in enumerate(runs):
         if data.label in differences:
             found = differences[data.label]
-            lines = downsampled(shown_curves(Curves(found.time, {"speed": found.over_time["speed_kmh"]})), POINTS)
-            panel.plot(lines.time, lines.columns["speed"], color=colour, lw=0.8, ls=DASHES[run_dash(index)])
+            lines = page_data.downsampled(
+                shown_curves(Curves(found.time, {"speed": found.over_time["speed_kmh"]})), POINTS
+            )
+            panel.plot(lines.time, lines.columns["speed"], color=colour, lw=0.8, ls=DASHES[page_data.run_dash(index)])
     panel.axhline(0.0, color=runs[0][1], lw=0.8)
     panel.set_ylabel(q.axis_title("speed_difference"))
     panel.margins(x=0.01, y=0.08)
 
 
-def write_comparison_figure(pages: Sequence[PageData], path: Path, title: str) -> bool:
+def write_comparison_figure(pages: Sequence[page_data.PageData], path: Path, title: str) -> bool:
     """Write the figure of several runs; return False without data."""
     figure = comparison_figure(pages, title)
     if figure is not None:
@@ -567,7 +562,7 @@ def draw_run(recording: Recording, path: Path) -> None:
 def run_figure(recording: Recording) -> Figure | None:
     """Return the figure of one run with setup and summary; None without data."""
     recording = recording.within_span()
-    curves, _ = curves_of(recording, RUN_PANELS, lambda lines: downsampled(lines, POINTS))
+    curves, _ = curves_of(recording, RUN_PANELS, lambda lines: page_data.downsampled(lines, POINTS))
     events = [event for event in detect_events(recording) if event.kind in MARKED]
     note = evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else ""
     lines = [*titles(recording.summary), *([note] if note else [])]

@@ -9,25 +9,10 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from bokeh import models
 from bokeh.core.properties import Bool, Int
 from bokeh.events import DocumentReady
 from bokeh.model import DataModel
-from bokeh.models import (
-    BasicTicker,
-    BasicTickFormatter,
-    Button,
-    Column,
-    ColumnDataSource,
-    CustomJS,
-    Div,
-    LinearColorMapper,
-    MultiSelect,
-    RadioButtonGroup,
-    Range1d,
-    Row,
-    Select,
-    Slider,
-)
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 from jinja2 import Template
@@ -63,27 +48,29 @@ class PlaybackControls:
         self._following = False
         sheets = {"stylesheets": [WIDGETS]}
         begin, end = feed.span
-        self._play = Button(label="play", width=84, name="play", **sheets)
+        self._play = models.Button(label="play", width=84, name="play", **sheets)
         self._play.on_click(lambda: feed.set_playing(playing=not feed.playing))
-        back = Button(label="◀ tick", width=72, name="back", **sheets)
+        back = models.Button(label="◀ tick", width=72, name="back", **sheets)
         back.on_click(lambda: self._step(-1))
-        on = Button(label="tick ▶", width=72, name="on", **sheets)
+        on = models.Button(label="tick ▶", width=72, name="on", **sheets)
         on.on_click(lambda: self._step(1))
-        self._speed = Select(options=[*SPEEDS], value="1 ×", width=92, name="speed", **sheets)
+        self._speed = models.Select(options=[*SPEEDS], value="1 ×", width=92, name="speed", **sheets)
         self._speed.on_change("value", lambda attr, old, name: setattr(feed, "speed", SPEEDS[name]))
-        self._slider = Slider(
+        self._slider = models.Slider(
             start=begin, end=max(end, begin + 1e-3), value=begin, step=0.1, show_value=False, title=None,
             sizing_mode="stretch_width", min_width=200, name="time", **sheets,
         )  # fmt: skip
         self._slider.on_change("value", self._dragged)
-        self._end = Div(text=f"of {full_clock(end)}", styles={"color": "#8da2b5", "padding-top": "6px"}, width=90)
-        self.bar = Row(
+        self._end = models.Div(
+            text=f"of {full_clock(end)}", styles={"color": "#8da2b5", "padding-top": "6px"}, width=90
+        )
+        self.bar = models.Row(
             children=[self._play, back, on, self._speed, self._slider, self._end],
             sizing_mode="stretch_width",
             name="bar",
             stylesheets=[":host { flex-wrap: wrap; }"],
         )
-        self._events = MultiSelect(
+        self._events = models.MultiSelect(
             title=f"events ({len(feed.marks)}); select one to show it",
             visible=bool(feed.marks),
             options=[(str(number), f"{short_clock(mark.time)}  {mark.text}") for number, mark in enumerate(feed.marks)],
@@ -94,9 +81,11 @@ class PlaybackControls:
             **sheets,
         )
         self._events.on_change("value", self._chosen)
-        self.column = Column(children=[Div(text=_summary(feed), width=WIDTH), self._events], width=WIDTH, name="panel")
+        self.column = models.Column(
+            children=[models.Div(text=_summary(feed), width=WIDTH), self._events], width=WIDTH, name="panel"
+        )
         # The running time must not move a slider during a drag.
-        self._slider.js_on_change("value", CustomJS(code="window.trainAtoDragged = Date.now()"))
+        self._slider.js_on_change("value", models.CustomJS(code="window.trainAtoDragged = Date.now()"))
 
     def _step(self, ticks: int) -> None:
         self._feed.playing = False
@@ -219,30 +208,30 @@ class Along:
     def __init__(self, facts: Facts, tools: dict[str, Any]) -> None:
         n = facts.layout.n_vehicles
         zeros = np.zeros((2, n), dtype=np.float32)  # an array for each column, because `patch` writes into it
-        self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros[0], "shoe": zeros[1]})
+        self.source = models.ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros[0], "shoe": zeros[1]})
         self._count = n
-        span = Range1d(n - 0.4, -0.6)
-        self.reach = Range1d(-MIN_REACH, MIN_REACH)
-        self.shoe_reach = Range1d(0.0, MIN_SHOE)
+        span = models.Range1d(n - 0.4, -0.6)
+        self.reach = models.Range1d(-MIN_REACH, MIN_REACH)
+        self.shoe_reach = models.Range1d(0.0, MIN_SHOE)
         coupler = figure(x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
-        sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
+        sign = models.LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
         bars = coupler.vbar(
             x="vehicle", top="coupler", width=0.86, source=self.source, line_color=None,
             fill_color={"field": "coupler", "transform": sign},
         )  # fmt: skip
         add_hover(coupler, bars, [("vehicle", "@vehicle"), ("coupler behind it", "@coupler{+0} kN")])
         coupler.hspan(y=0, line_color=SOFT, line_width=1)
-        coupler.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+        coupler.yaxis.formatter = models.BasicTickFormatter(use_scientific=False)
         coupler.yaxis.ticker.desired_num_ticks = 5
         coupler.xgrid.visible = False
         self.figures = [coupler]
         if facts.layout.air_brake:
             coupler.xaxis.visible = False
             self.figures.append(self._shoes(span, tools))
-        self.figures[-1].xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
+        self.figures[-1].xaxis.ticker = models.BasicTicker(min_interval=1, num_minor_ticks=0)
         self.figures[-1].xaxis.axis_label = "vehicle (front of the train on the right)"
 
-    def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
+    def _shoes(self, span: models.Range1d, tools: dict[str, Any]) -> Any:
         plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
         bars = plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
         add_hover(plot, bars, [("vehicle", "@vehicle"), ("brake shoes", "@shoe{0} kN")])
@@ -306,20 +295,20 @@ class ViewPage:
         self._shown = self._profile_number = self._strip_number = -1
         self._marks = -1
         self._window = (0.0, 0.0)
-        self._now = ColumnDataSource({name: [value] for name, value in _EMPTY.items()}, name="now")
-        self._where = ColumnDataSource({name: [0.0] for name in WHERE}, name="where")
+        self._now = models.ColumnDataSource({name: [value] for name, value in _EMPTY.items()}, name="now")
+        self._where = models.ColumnDataSource({name: [0.0] for name in WHERE}, name="where")
         self._where_at = 0.0
         self._where_due = False
-        self._answer = ColumnDataSource({"text": [""], "done": [1]}, name="answer")
-        self._ending = ColumnDataSource(_ending_columns(feed.ending), name="ending")
+        self._answer = models.ColumnDataSource({"text": [""], "done": [1]}, name="answer")
+        self._ending = models.ColumnDataSource(_ending_columns(feed.ending), name="ending")
         self._ended = feed.ending
-        self._line = ColumnDataSource(_one_row(track_ahead(feed.facts, feed.profile)), name="line")
-        self._messages = ColumnDataSource(self._message_rows(0.0), name="messages")
-        self._whole = ColumnDataSource(_one_row(feed.whole()), name="overview")
+        self._line = models.ColumnDataSource(_one_row(track_ahead(feed.facts, feed.profile)), name="line")
+        self._messages = models.ColumnDataSource(self._message_rows(0.0), name="messages")
+        self._whole = models.ColumnDataSource(_one_row(feed.whole()), name="overview")
         self._whole_shown, self._whole_at = (feed.overview.number, len(feed.marks)), 0.0
         self._acknowledgement = Acknowledgement()
         self._acknowledgement.on_change("number", lambda attr, old, new: feed.acknowledge(new))
-        self._ticks = ColumnDataSource(tick_columns(feed.scale))
+        self._ticks = models.ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
         self._several = feed.facts.layout.n_vehicles > 1
         supervised = feed.facts.layout.supervised
@@ -351,10 +340,10 @@ class ViewPage:
         document, facts = self._document, self._feed.facts
         most = float(facts.most.max()) if facts.most.size else float("nan")
         least = float(facts.least.min()) if facts.least.size else float("nan")
-        view = RadioButtonGroup(
+        view = models.RadioButtonGroup(
             labels=[f"{km} km" for km in VIEWS_KM], active=1, name="view", stylesheets=[WIDGETS], height=24
         )
-        window = self._window_choice = RadioButtonGroup(
+        window = self._window_choice = models.RadioButtonGroup(
             labels=[f"{seconds // 60} min" for seconds in WINDOWS_S], active=1, name="window", stylesheets=[WIDGETS],
             height=24,
         )  # fmt: skip
@@ -372,29 +361,29 @@ class ViewPage:
             self._link(view, window)
             self._dress()
 
-    def _link(self, view: RadioButtonGroup, window: RadioButtonGroup) -> None:
+    def _link(self, view: models.RadioButtonGroup, window: models.RadioButtonGroup) -> None:
         """Link sources, figures and choices in the browser."""
         document = self._document
         arguments = {
             "where": self._where, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
             "place_range": self._ahead.span, "span": self._strips.span, "live": self._feed.live,
         }  # fmt: skip
-        line = CustomJS(
+        line = models.CustomJS(
             args={"line": self._line, "forces": self._along.source},
             code="const found = {}; for (const name in line.data) found[name] = line.data[name][0];"
             "window.dmi.forces = forces; window.dmi.takeLine(found)",
         )
-        whole = CustomJS(
+        whole = models.CustomJS(
             args={"whole": self._whole},
             code="const found = {}; for (const name in whole.data) found[name] = whole.data[name][0];"
             "window.overview.take(found)",
         )
-        messages = CustomJS(
+        messages = models.CustomJS(
             args={"messages": self._messages, "acknowledgement": self._acknowledgement},
             code="window.dmi.showMessages(messages.data, acknowledgement)",
         )
-        follow = CustomJS(args=arguments, code=_asset("page.js"))
-        show = CustomJS(
+        follow = models.CustomJS(args=arguments, code=_asset("page.js"))
+        show = models.CustomJS(
             args={
                 "now": self._now, "reach": self._along.reach, "shoes": self._along.shoe_reach, "drawn": self._drawn,
                 "answer": self._answer, "ending": self._ending, "beat": self._beat, "line": self._line,
@@ -402,23 +391,23 @@ class ViewPage:
             },
             code="window.trainAto.take(now.data, reach, shoes, drawn)",
         )  # fmt: skip
-        end = CustomJS(args={"ending": self._ending}, code="window.trainAto.end(ending.data)")
-        ready = CustomJS(args={"drawn": self._drawn}, code="drawn.ready = true")
+        end = models.CustomJS(args={"ending": self._ending}, code="window.trainAto.end(ending.data)")
+        ready = models.CustomJS(args={"drawn": self._drawn}, code="drawn.ready = true")
         for action in (whole, follow, show, line, messages, end, ready):
             document.js_on_event(DocumentReady, action)
         self._ending.js_on_change("data", end)
         self._line.js_on_change("data", line)
         self._whole.js_on_change("data", whole)
         # The elevation profile has the places of the figure above it, which is laid out after a change of the window.
-        self._ahead.figures[0].js_on_change("inner_width", CustomJS(code="window.dmi.draw()"))
+        self._ahead.figures[0].js_on_change("inner_width", models.CustomJS(code="window.dmi.draw()"))
         self._messages.js_on_change("data", messages)
-        self._beat.js_on_change("number", CustomJS(code="window.trainAto.beat()"))
+        self._beat.js_on_change("number", models.CustomJS(code="window.trainAto.beat()"))
         self._now.js_on_change("data", show)
         self._where.js_on_change("data", follow)
         view.js_on_change("active", follow)
         window.js_on_change("active", follow)
         self._answer.js_on_change(
-            "data", CustomJS(code="window.trainAto.say(cb_obj.data.text[0], cb_obj.data.done[0])")
+            "data", models.CustomJS(code="window.trainAto.say(cb_obj.data.text[0], cb_obj.data.done[0])")
         )
 
     def _dress(self) -> None:
