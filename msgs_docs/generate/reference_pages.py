@@ -42,7 +42,10 @@ def schema_text(name: str) -> str:
             "description": "scenario that this one is laid over",
             "examples": ["demo"],
         }
-        schema["properties"]["expect"] = _expectation(schema["$defs"])
+        schema["$defs"]["Expectation"] = Expectation.model_json_schema()
+        forms = [{"const": "passed"}, {"$ref": "#/$defs/Expectation"}]
+        text = "expected verdict without changes; every variant states its own"
+        schema["properties"]["expect"] = {"anyOf": forms, "description": text, "examples": ["passed"]}
         schema["properties"]["variants"] = {
             "type": ["object", "null"],
             "description": "overlays by name; null: none",
@@ -53,14 +56,6 @@ def schema_text(name: str) -> str:
         schema.pop("allOf", None)
         schema["$defs"]["PlantBlock"].pop("required", None)
     return rows_text(schema, 4) + "\n"
-
-
-def _expectation(definitions: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of ``expect``, whose block is added to the definitions: ``passed`` is short for a block."""
-    definitions["Expectation"] = Expectation.model_json_schema()
-    forms = [{"const": "passed"}, {"$ref": "#/$defs/Expectation"}]
-    text = "expected verdict without changes; every variant states its own"
-    return {"anyOf": forms, "description": text, "examples": ["passed"]}
 
 
 def schema_path(name: str) -> Path:

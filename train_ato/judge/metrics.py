@@ -293,13 +293,8 @@ def post_of(line: Line, place: float) -> dict[str, Any]:
 
 def place_of_front(setup: RunSetup, recording: Recording, at_s: float) -> dict[str, Any]:
     """Return the position of the front of vehicle 0 at a time [s] as ``km`` and ``post``."""
-    km = km_of_front(setup, recording, at_s)
+    km = float(np.interp(at_s, recording.time, front_of_train(setup, recording))) / 1e3
     return {"km": km, **post_of(setup.line, 1e3 * km)}
-
-
-def km_of_front(setup: RunSetup, recording: Recording, at_s: float) -> float:
-    """Return the position of the front of vehicle 0 at a time [s] in km."""
-    return float(np.interp(at_s, recording.time, front_of_train(setup, recording))) / 1e3
 
 
 def limit_over_train(line: Line, front: Array, length: float) -> Array:

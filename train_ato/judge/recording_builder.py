@@ -98,7 +98,13 @@ class RecordingBuilder:
         for topic, message in messages:
             rows = series.get(topic)
             if rows is None:
-                self._add_single(topic, message)
+                self._others[topic] += 1
+                if topic == rec.DIAGNOSTICS:
+                    self._reports.add(message)
+                elif topic == rec.PROFILE:
+                    self._profiles.append(message)
+                elif topic == rec.LIMITS:
+                    self._limits = message
             else:
                 rows.append(message)
                 if len(rows) == PORTION:
@@ -132,16 +138,6 @@ class RecordingBuilder:
         for report in reports:
             self._others[rec.DIAGNOSTICS] += len(report.stamps)
             self._reports.add(report)
-
-    def _add_single(self, topic: str, message: Any) -> None:
-        """Add a message of a topic without a series."""
-        self._others[topic] += 1
-        if topic == rec.DIAGNOSTICS:
-            self._reports.add(message)
-        elif topic == rec.PROFILE:
-            self._profiles.append(message)
-        elif topic == rec.LIMITS:
-            self._limits = message
 
     @property
     def counts(self) -> dict[str, int]:

@@ -548,14 +548,9 @@ MARKED = ("law", "protection", "outside", "scored", "end")
 def write_run_figure(setup: RunSetup, result: RunResult, folder: Path) -> None:
     """Draw ``figure.png`` into a run folder, if the run has a complete tick."""
     if result.recording is not None:
-        draw_run(replace(result.recording, setup=setup, summary=result.summary), folder / "figure.png")
-
-
-def draw_run(recording: Recording, path: Path) -> None:
-    """Write the figure of one run with setup and summary, as PNG or SVG."""
-    figure = run_figure(recording)
-    if figure is not None:
-        save_figure(figure, path, SCREEN_DPI)
+        figure = run_figure(replace(result.recording, setup=setup, summary=result.summary))
+        if figure is not None:
+            save_figure(figure, folder / "figure.png", SCREEN_DPI)
 
 
 @styled()

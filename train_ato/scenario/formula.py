@@ -309,7 +309,11 @@ class _Parser:
             self._expect(")")
             return AbsTerm(operand, operand.dimension)
         if token.kind == "name":
-            return _signal(token)
+            found = find_signal(token.text)
+            if found is None:
+                near = close_match(token.text, (*SIGNALS, "and", "or", "not"))
+                raise _fault(token, f"unknown signal{near}; signals: {', '.join(SIGNALS)}")
+            return SignalTerm(token.text, dimension_of(found[0].unit))
         raise _fault(token, "expected a signal, a number or an operator; correct the formula")
 
     def _infix(self, left: Term | Formula, binding: int) -> Term | Formula:
@@ -410,14 +414,6 @@ def _unit_at(text: str, place: int) -> str | None:
             return found[0]
         found = UNIT_PATTERN.match(text, place, found.end() - 1)
     return None
-
-
-def _signal(token: _Token) -> SignalTerm:
-    found = find_signal(token.text)
-    if found is None:
-        near = close_match(token.text, (*SIGNALS, "and", "or", "not"))
-        raise _fault(token, f"unknown signal{near}; signals: {', '.join(SIGNALS)}")
-    return SignalTerm(token.text, dimension_of(found[0].unit))
 
 
 def _common(left: Term, right: Term, token: _Token) -> Exponents | None:

@@ -33,7 +33,9 @@ def window_of(found: Measured) -> float:
     is estimated from second differences.  Resolution adds noise: step over sqrt(12), lasting for the time in which the
     speed changes by one step.
     """
-    sustained = _sustained(found)
+    time = np.arange(0.0, max(found.end, 2 * SUSTAINED_S), SUSTAINED_S / 4)
+    change = np.abs(np.diff(found.speed.at(time)[::4])) / SUSTAINED_S
+    sustained = max(0.01, float(np.quantile(change, 0.95)))
     resolution = found.table.resolution(found.speed.column)
     noises = [(_noise(found), found.interval)]
     if resolution > 0:
@@ -50,13 +52,6 @@ def _noise(found: Measured) -> float:
         return 0.0
     bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2])
     return float(np.median(bends)) / (0.6745 * 6**0.5)
-
-
-def _sustained(found: Measured) -> float:
-    """Return the sustained acceleration [m/s²]: 95 % quantile of means over ``SUSTAINED_S``, at least 0.01."""
-    time = np.arange(0.0, max(found.end, 2 * SUSTAINED_S), SUSTAINED_S / 4)
-    change = np.abs(np.diff(found.speed.at(time)[::4])) / SUSTAINED_S
-    return max(0.01, float(np.quantile(change, 0.95)))
 
 
 def _standstill(found: Measured) -> float:

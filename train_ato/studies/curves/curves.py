@@ -19,7 +19,7 @@ from train_ato.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE,
 from train_ato.scenario.scenario_data import scenario_consist, scenario_line
 from train_ato.studies.curves.case_file import CurveCase, read_cases
 from train_ato.supervision.limits import TargetLimits
-from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, motion_estimate
+from train_ato.supervision.odometry import MotionEstimate, motion_estimate
 from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.track_supervision import TrackSupervision
 
@@ -87,15 +87,6 @@ TABLE_STEP_KMH = 5.0
 """Distance of the speeds of a table [km/h]."""
 LINE_CURVES = ("EBD", "EBI", "SBI2", "Warning", "Permitted", "Indication")
 """Curves of the table of an end of authority; SBD and SBI1 are added if the service brake has a curve."""
-
-
-def line_curves(supervision: TrackSupervision, motion: MotionEstimate = EXACT_MOTION) -> CurveTable:
-    """Return the curves to the end of authority, every 5 km/h up to the maximum speed."""
-    end = supervision.targets[-1]
-    top = round(supervision.train.max_speed * KMH / TABLE_STEP_KMH, 6)
-    speeds = [TABLE_STEP_KMH * i for i in range(int(top) + 1)]
-    names = [*LINE_CURVES, *(("SBD", "SBI1") if end.sbd is not None else ())]
-    return tabulate(end, motion, dict.fromkeys(names, speeds))
 
 
 CURVE_COLOURS = {
@@ -272,7 +263,11 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
         supervision = line_supervision(
             consist, line, scenario.plant, at, max_speed=None if fastest is None else fastest / KMH
         )
-        found = line_curves(supervision, _motion(given, supervision.train.max_speed, dash))
+        end = supervision.targets[-1]
+        top = round(supervision.train.max_speed * KMH / TABLE_STEP_KMH, 6)
+        speeds = [TABLE_STEP_KMH * i for i in range(int(top) + 1)]
+        names = [*LINE_CURVES, *(("SBD", "SBI1") if end.sbd is not None else ())]
+        found = tabulate(end, _motion(given, supervision.train.max_speed, dash), dict.fromkeys(names, speeds))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     if scenario.supervision.enabled is not False:

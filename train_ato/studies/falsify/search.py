@@ -107,7 +107,11 @@ def search_space(choice: ScenarioChoice, dimensions: Sequence[Dimension], where:
     nominal, values = [], {}
     for entry in dimensions:
         place = f"{where}: {entry.key}"
-        value = nominal_value(choice.checked, entry.key, place)
+        value: Any = choice.checked
+        for part in keys_of(entry.key):
+            value = _below(value, part, place)
+            if value is None:
+                raise ValueError(f"{place}: the scenario has no value; add its nominal value to the scenario")
         nominal.append(_coordinate(entry, value, place))
         values[entry.key] = value
     for entry in dimensions:
@@ -132,16 +136,6 @@ def _coordinate(entry: Dimension, value: Any, place: str) -> float:
         ends = f"{entry.low:g} to {entry.high:g}"
         raise ValueError(f"{place}: {value:g}, the value of the scenario, is outside of {ends}; widen the range")
     return entry.share(value)
-
-
-def nominal_value(model: BaseModel, key: str, place: str) -> Any:
-    """Return the value of a key of a checked scenario, also of a key with a unit suffix."""
-    found: Any = model
-    for part in keys_of(key):
-        found = _below(found, part, place)
-        if found is None:
-            raise ValueError(f"{place}: the scenario has no value; add its nominal value to the scenario")
-    return found
 
 
 def _below(found: Any, part: str, place: str) -> Any:
