@@ -131,24 +131,6 @@ def test_states_do_not_grow_with_the_run():
     assert max(sizes[1:]) <= sizes[0] + 100
 
 
-def test_a_saved_run_is_verified_and_continues(tmp_path, capsys):
-    """Breaks if the folder lacks the forces of the caller, also those that the stack does not use at standstill."""
-    env = ta.Env("demo", set={"duration": 12})
-    _, info = env.reset(seed=2)
-    for step in range(60):
-        env.step(9e5 if step % 7 else -5e5)
-    half = env.run
-    assert (half.metrics["status"], half.metrics["ticks"]) == ("interrupted", 60)
-    ended = False
-    while not ended:
-        _, _, ended, _, info = env.step(9e5)
-    assert info["metrics"]["ticks"] == 120 and env.run is env.run
-    assert main(["verify", str(env.run.save(tmp_path / "run"))]) == 0
-    assert "bit for bit" in capsys.readouterr().out
-    part = half.recording.front_position
-    assert part.tobytes() == env.run.recording.front_position[: part.size].tobytes()
-
-
 def test_costs_are_those_of_the_metrics():
     """Breaks if a cost has another unit, another sign or another interval than the metric."""
     changes = {"duration": 50, "criteria.stop_window": 5}
@@ -254,17 +236,19 @@ def test_the_supervisor_brakes_in_spite_of_the_caller(assured, tmp_path):
 
 
 def test_the_caller_drives_again_after_a_takeover(tmp_path, without_figure):
-    """Breaks if the force of the caller is lost at the return of the law, or the saved run is another one."""
+    """Breaks if the force of the caller is lost at the return of the law, or the saved or present run is another."""
     changes = {"duration": 60, "supervision.enabled": True, "plant.line": own_line(tmp_path)}
     env = ta.Env("xuzhou_metro", set=changes, normalised=True)
     env.reset()
-    engaged, end = [True], False
+    env.step(1.0)
+    half, engaged, end = env.run, [True], False
     while not end:
         force = 1.0 if all(engaged) else -0.02
         *_, end, _, info = env.step(force)
         engaged.append(info["engaged"])
     back = engaged.index(True, engaged.index(False))
     assert all(engaged[back:]) and len(engaged) > back + 20
+    assert [run.metrics["ticks"] for run in (half, env.run)] == [1, 1200] and env.run is env.run
     env.run.save(tmp_path / "run")
     assert main(["verify", str(tmp_path / "run")]) == 0
 
