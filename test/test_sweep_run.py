@@ -602,6 +602,17 @@ def test_a_design_is_reproducible_and_inside(design: str) -> None:
         assert counts.min() >= 1 and (design == "random" or counts.max() == 1)
 
 
+def test_a_law_that_ends_its_process_fails_its_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if `os._exit` of a law ends the worker: its row has then another reason, and other runs are repeated."""
+    monkeypatch.setattr("os._exit", lambda status: 1 / 0)
+    law = "import os\nfrom train_ato.control.guard import GuardedLaw\nclass Law(GuardedLaw):\n"
+    body = "    def __init__(self):\n        pass\n    def demand(self, inputs):\n        os._exit(5)\n"
+    (tmp_path / "exiting_law.py").write_text(law + body)
+    monkeypatch.syspath_prepend(tmp_path)
+    metro = choose_scenario("xuzhou_metro").with_(duration=5)
+    assert "called os._exit(5)" in drive_point(metro, 1, {"law": "exiting_law:Law"}, PartCache())["reason"]
+
+
 def test_a_row_has_the_end_of_its_run() -> None:
     """Breaks if a refused or failed run has no row with its reason, or a row lacks the hash of its scenario."""
     demo, parts = choose_scenario("demo").with_(duration=20), PartCache()

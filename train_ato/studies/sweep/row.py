@@ -17,6 +17,7 @@ from plant_sim.train import compile_kernel
 from train_ato.api.scenario_choice import ScenarioChoice
 from train_ato.log.versions import source_hash
 from train_ato.loop.engine import run_engine
+from train_ato.program.interrupt import no_silent_exit
 from train_ato.scenario.overlays import RefusedScenario
 from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import RunSetup
@@ -67,7 +68,8 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
     }
     start = time.perf_counter()
     try:
-        summary = run_engine(setup, summary_only=True).summary
+        with no_silent_exit():
+            summary = run_engine(setup, summary_only=True).summary
     except (Exception, SystemExit) as error:  # the constructor of a user's component may raise any
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return {**row, "status": "failed", "reason": reason, **_times(begin)}
