@@ -25,6 +25,8 @@ from train_ato.messages.types import Array
 
 FAR = 1e4
 """Distance in place of no limit [m]: the programme permits a violation in proportion to its largest entry."""
+LASTING_RESISTANCE = 0.05
+"""Unknown resistance on which the brake ahead counts [m/s²]: that of a grade of 5 permille; a gust may end."""
 # Rows of the constraints, one column per node: limits of force, jerk, speed, position error, and stops.
 MOST_FORCE, LEAST_FORCE, RISE, FALL, SPEED, AHEAD, BEHIND, STOP = range(8)
 CONSTRAINTS = 8
@@ -357,8 +359,10 @@ def bounds(
             force[j] += slope * planned[j] - start.beyond_reference
         low, high = max(low, limits.force_min[j]), min(high, limits.force_max[j])
         allowed[MOST_FORCE, j] = (high - force[j]) / mass + found.disturbance[j]
-        # the brake does not count on a resistance that does not act now, as that of a gust that has just ended
-        allowed[LEAST_FORCE, j] = (force[j] - low) / mass - max(found.disturbance[j], min(start.disturbance, 0.0))
+        against = found.disturbance[j]
+        if j > 0:  # the brake does not count on the resistance of a gust, which may end or has just ended
+            against = max(against, min(start.disturbance, 0.0), -LASTING_RESISTANCE)
+        allowed[LEAST_FORCE, j] = (force[j] - low) / mass - against
         before = force[j - 1] if j > 1 else reference.force
         change = (force[j] - before) / mass - start.motion.acceleration_error * p.kept[j] if j > 0 else start.rise
         allowed[RISE, j] = p.jerk * p.steps[j] - change
