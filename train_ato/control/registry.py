@@ -365,19 +365,17 @@ def load_class(target: str) -> type:
 
 def _module(name: str) -> ModuleType:
     """Import a module; its change of the present folder is undone, as that is where the files of a run belong."""
-    place = os.open(".", os.O_PATH)
+    here = str(Path.cwd())
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        here = str(Path.cwd())
         if error.name != name.partition(".")[0] or here in sys.path:
             raise
         sys.path.append(here)
         importlib.invalidate_caches()
         return importlib.import_module(name)
     finally:
-        os.fchdir(place)
-        os.close(place)
+        os.chdir(here)
 
 
 LAWS = LawRegistry(
