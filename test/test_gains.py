@@ -17,6 +17,7 @@ from train_ato.control.gains import MODEL, TABLE, has_gains
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.control.train_model import TrainModel
+from train_ato.judge import result
 from train_ato.loop.engine import run_engine
 from train_ato.papers.claims import Case
 from train_ato.studies.check_component.random_trips import (
@@ -118,12 +119,22 @@ def test_gains_of_ones_own_have_a_line_if_they_are_unstable() -> None:
     assert "l1 given, unstable" in setup_of("xuzhou_metro", "law=smc", "laws.smc.l1=0").advice(), "34 m beyond its stop"
 
 
-def test_own_values_of_a_failed_run_have_a_line_after_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_values_of_a_failed_run_have_a_line_after_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], without_figure: None
+) -> None:
     """Breaks if a run that its own gains lose names no key, as `mpc` and the learning rates, which state no limit."""
     given = ["--law=funnel", "--set", "laws.funnel.bias_rate=100"]
     assert main(["run", "xuzhou_metro", "--engine", f"--out={tmp_path / 'run'}", *given]) == 0
-    line = "funnel: bias_rate given, and the run ended as 'limit cycle'; try --set laws.funnel.bias_rate=0.00"
+    line = "funnel: bias_rate given, and the run ended as 'limit cycle'; try --set laws.funnel.bias_rate=0.00694\n"
     assert line in capsys.readouterr().err
+    before = ["--law=smc", "--set", "laws.smc.l1=0", "--set", "duration=1"]
+    assert main(["run", "xuzhou_metro", "--engine", f"--out={tmp_path / 'before'}", *before]) == 0
+    assert capsys.readouterr().err.count("l1 given") == 1, "said before the run alone"
+    setup = setup_of("xuzhou_metro", "law=funnel", "laws.funnel.bias_rate=100")
+    ended = {"controller": "funnel", "status": "done", "verdict": "failed"}
+    assert "bias_rate given, and the run failed; try" in result._doubted(setup, ended)["advice"]
+    for key, other in (("verdict", "passed"), ("status", "interrupted"), ("controller", "own"), ("advice", "said")):
+        assert result._doubted(setup, ended | {key: other}) == {}
 
 
 @pytest.mark.parametrize(

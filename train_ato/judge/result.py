@@ -230,15 +230,16 @@ class RunResult:
         if complete:
             summary |= tracking_summary(setup, recording, end.status)
             summary |= _judged(setup, recording, summary)
-            summary |= {} if "advice" in summary or end.status != DONE else _doubted(setup, summary)
+            summary |= _doubted(setup, summary)
         interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
 
 
 def _doubted(setup: RunSetup, summary: Mapping[str, Any]) -> dict[str, str]:
-    """Return ``advice`` on the own gains of a run that is not tracked or failed; {} for other runs."""
+    """Return ``advice`` on the own gains of a whole run that is not tracked or failed; {} for other runs."""
     tracked, name = is_tracked(summary), setup.controller
-    if (tracked and summary.get("verdict") != "failed") or summary["controller"] != name:
+    whole = summary["status"] == DONE and summary["controller"] == name
+    if "advice" in summary or not whole or (tracked and summary.get("verdict") != "failed"):
         return {}
     text = doubt(name, setup.gains(name), "failed" if tracked else f"ended as '{summary['tracking']}'")
     return {"advice": text} if text else {}
