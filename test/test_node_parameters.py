@@ -180,10 +180,12 @@ def test_malformed_ros_arguments_are_one_line(given, tmp_path, monkeypatch, capf
 @pytest.mark.parametrize("name", ["/**/contoller:", "/line:\n contoller:", "line:\n train:\n  contoller:"])
 def test_a_misspelt_node_in_a_parameter_file_has_a_note(name, tmp_path, capsys):
     """Breaks if the gains of a file are passed over without a word, or another node has a note too."""
-    (tmp_path / "a.yaml").write_text(f"{name}\n   ros__parameters:\n    law: smc\n")
+    right, place = "\ncontroller:\n   ros__parameters:\n    law: pid\n", "/".join(name.replace(":", "").split())
+    (tmp_path / "a.yaml").write_text(f"{name}\n   ros__parameters:\n    law: smc{right}")
     for role, count in ((Role.PLANT, 0), (Role.CONTROLLER, 1)):
         check_arguments(["--ros-args", "--params-file", str(tmp_path / "a.yaml")], role)
-        assert capsys.readouterr().err.count("contoller: no node has this name, and its parameters have no") == count
+        notes, note = capsys.readouterr().err, f"a.yaml: {place}: no node has this name, and its parameters have no"
+        assert notes.count(note) == notes.count("no node has this name") == count
 
 
 def test_the_recorder_answers_requests_although_it_is_in_no_executor(make):

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -364,6 +365,7 @@ def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], c
 
 def test_the_duration_of_a_recording_is_its_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the time between both clock readings is not the duration, or a wall clock that is set back counts."""
+    assert time.monotonic_ns() <= reading.steady_ns() <= time.monotonic_ns()
     monkeypatch.setattr(reading, "steady_ns", lambda: 7)
     begun = WallTime.now()
     monkeypatch.setattr(reading, "steady_ns", lambda: 3_500_000_007)

@@ -312,6 +312,7 @@ def test_the_command_shows_both_outputs_and_draws_them(replayed, capsys):
     assert output_names(setup, swap, "mpc") == ("pid → smc at 614 s, recorded", "mpc, replayed")
     assert output_names(setup, swap, "pid")[1] == "pid → smc at 614 s, replayed"
     assert output_names(setup, {"restarts": {"controller": 1}}, "pid")[0] == "pid, recorded with a restart"
+    assert output_names(setup, {"restarts": {"plant": 1}}, "pid")[0] == "pid, recorded"
     assert output_names(setup, {"controller": "external: mine"}, "pid") == ("external: mine, recorded", "pid, replayed")
     figures = [imread(replayed / f"replay-{name}.png") for name in ("smc", "pid")]
     assert all(figure.shape[0] > 500 and figure.std() > 0.05 for figure in figures)

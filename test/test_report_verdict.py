@@ -124,8 +124,10 @@ def test_the_best_value_has_the_smallest_magnitude() -> None:
     assert best_value("coupler_buff_max_kn", runs) == 400.0
     assert [difference_from_best("coupler_buff_max_kn", run, runs) for run in runs] == [500.0, 0.0, None]
     assert best_value("wall_s", runs) is None
-    broken = [{"coupler_buff_max_kn": 0.0, "status": "failed"}, *runs]
-    assert [difference_from_best("coupler_buff_max_kn", run, broken) for run in broken] == [None, 500.0, 0.0, None]
+    for status in ("failed", "interrupted"):
+        broken = [{"coupler_buff_max_kn": 0.0, "status": status}, *runs]
+        assert [difference_from_best("coupler_buff_max_kn", run, broken) for run in broken] == [None, 500.0, 0.0, None]
+    assert best_value("coupler_buff_max_kn", [{**run, "status": "failed"} for run in runs]) == 400.0
     assert best_value("coupler_buff_max_kn", [runs[0], runs[0]]) is None
 
 
