@@ -248,6 +248,8 @@ def test_the_caller_drives_again_after_a_takeover(tmp_path, without_figure):
         engaged.append(info["engaged"])
     back = engaged.index(True, engaged.index(False))
     assert all(engaged[back:]) and len(engaged) > back + 20
+    assert half.metrics["interruption"] == "the environment is after 1 of 1200 ticks"
+    assert half.recording.topics["train/measurement"].time.size == 1, "the tick that has begun is not of the run"
     assert [run.metrics["ticks"] for run in (half, env.run)] == [1, 1200] and env.run is env.run
     env.run.save(tmp_path / "run")
     assert main(["verify", str(tmp_path / "run")]) == 0

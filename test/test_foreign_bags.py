@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import train_ato as ta
 from train_ato.cli import main
+from train_ato.log import table_columns
 from train_ato.log.mcap_records import RawMessage, stream
 from train_ato.playback.log import ReplayLog
 from train_ato.view.recorded import RecordedFeed
@@ -334,6 +335,7 @@ def test_a_log_of_merged_runs_is_refused_and_not_mixed(run, messages, tmp_path, 
     export = complaint(capsys, "export", merged, "--out", str(tmp_path / "tables"))
     assert "train/measurement: two messages of one time: several runs" in export
     assert "two messages of one time: several runs" in answer(capsys, "info", merged)["note"]
+    assert not table_columns.merged([*range(20), 19]), "a node may publish one message twice"
 
 
 def test_an_error_names_the_bag_and_not_its_copy(messages, tmp_path, capsys):

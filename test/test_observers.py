@@ -277,7 +277,7 @@ def test_prediction_with_parts_of_ticks_and_overtaking_commands():
 
 @pytest.mark.parametrize("every", [1, 3, 5])
 @settings(max_examples=20)
-@given(ticks=st.integers(1, 15), seed=st.integers(0, 5))
+@given(ticks=st.integers(0, 15), seed=st.integers(0, 5))
 def test_the_delay_is_found(every, ticks, seed):
     """From any initial delay, also by a slow law with two gaps of a second; breaks if a call counts as one tick."""
     estimate = DelayEstimate(lt.model(lt.SINGLE, lt.LEVEL, delay=0.5, lag=0.4), 2.0)
@@ -293,7 +293,7 @@ def test_the_delay_is_found(every, ticks, seed):
         due = queue.pop(0)
         acting = due + (acting - due) * keep
     assert estimate.delay == pytest.approx(0.1 * ticks)
-    assert in_flight.shape[0] == ticks
+    assert in_flight.shape[0] == max(1, ticks)
 
 
 def test_a_predictor_needs_a_delay_and_driven_vehicles():
