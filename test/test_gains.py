@@ -131,10 +131,16 @@ def test_own_values_of_a_failed_run_have_a_line_after_it(
     assert main(["run", "xuzhou_metro", "--engine", f"--out={tmp_path / 'before'}", *before]) == 0
     assert capsys.readouterr().err.count("l1 given") == 1, "said before the run alone"
     setup = setup_of("xuzhou_metro", "law=funnel", "laws.funnel.bias_rate=100")
-    ended = {"controller": "funnel", "status": "done", "verdict": "failed"}
+    ended = {"controller": "funnel", "status": "done", "verdict": "failed", "changes": []}
     assert "bias_rate given, and the run failed; try" in result._doubted(setup, ended)["advice"]
-    for key, other in (("verdict", "passed"), ("status", "interrupted"), ("controller", "own"), ("advice", "said")):
+    for key, other in (
+        ("verdict", "passed"), ("status", "interrupted"), ("controller", "own"), ("advice", "said"), ("changes", [{}])
+    ):  # fmt: skip
         assert result._doubted(setup, ended | {key: other}) == {}
+    assert main(["run", "xuzhou_metro:disturbed", "--engine", f"--out={tmp_path / 'shipped'}"]) == 0
+    assert "integral_limit given" not in capsys.readouterr().err, "the scenario states the cause"
+    own = ("law=funnel", "laws.funnel.bias_rate=100", "faults=[{at: 1, do: stop, node: observer}]")
+    assert result._doubted(setup_of("xuzhou_metro", *own), ended) == {}
 
 
 @pytest.mark.parametrize(

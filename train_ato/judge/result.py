@@ -236,10 +236,12 @@ class RunResult:
 
 
 def _doubted(setup: RunSetup, summary: Mapping[str, Any]) -> dict[str, str]:
-    """Return ``advice`` on the own gains of a whole run that is not tracked or failed; {} for other runs."""
+    """Return ``advice`` on the own gains of a whole run that is not tracked or failed without a change; else {}."""
     tracked, name = is_tracked(summary), setup.controller
     whole = summary["status"] == DONE and summary["controller"] == name
     if "advice" in summary or not whole or (tracked and summary.get("verdict") != "failed"):
+        return {}
+    if summary["changes"] or setup.scenario.faults:  # such as an emergency brake, a request, or another law
         return {}
     text = doubt(name, setup.gains(name), "failed" if tracked else f"ended as '{summary['tracking']}'")
     return {"advice": text} if text else {}
