@@ -254,11 +254,15 @@ def test_a_law_that_exits_fails_the_run(mode: str, end: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(("end", "kind"), [("sys.exit(0)", "SystemExit"), ("os._exit(0)", "ProcessExit")])
 def test_a_module_that_exits_is_refused(end, kind, tmp_path, monkeypatch, capsys):
-    """Breaks if the end of the process at the import of a law ends the command with status 0."""
+    """Breaks if the end of the process at the import or in the constructor of a law ends the command."""
     (tmp_path / f"{kind.lower()}_law.py").write_text(f"import os, sys; {end}")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert main(["run", "demo", "--engine", "--law", f"{kind.lower()}_law:Law"]) == 2
     assert f"module '{kind.lower()}_law' cannot be imported: called {end}, " in capsys.readouterr().err
+    made = f"import os, sys\nclass Law:\n    def __init__(self):\n        {end}\n    def reset(self):\n        pass\n"
+    (tmp_path / f"{kind.lower()}_made.py").write_text(f"{made}    def step(self, inputs):\n        pass\n")
+    assert main(["run", "demo", "--engine", "--law", f"{kind.lower()}_made:Law"]) == 2
+    assert f"law Law: called {end}, {tmp_path / kind.lower()}_made.py:4\n" in capsys.readouterr().err
 
 
 def test_a_thread_of_a_law_that_goes_on_is_named(tmp_path: Path) -> None:

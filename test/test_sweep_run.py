@@ -606,11 +606,14 @@ def test_a_law_that_ends_its_process_fails_its_run_alone(tmp_path: Path, monkeyp
     """Breaks if `os._exit` of a law ends the worker: its row has then another reason, and other runs are repeated."""
     monkeypatch.setattr("os._exit", lambda status: 1 / 0)
     law = "import os\nfrom train_ato.control.guard import GuardedLaw\nclass Law(GuardedLaw):\n"
-    body = "    def __init__(self):\n        pass\n    def demand(self, inputs):\n        os._exit(5)\n"
+    law += "    def __init__(self, ends: float = 0.0):\n        if ends: os._exit(4)\n"
+    body = "    def demand(self, inputs):\n        os._exit(5)\n"
     (tmp_path / "exiting_law.py").write_text(law + body)
     monkeypatch.syspath_prepend(tmp_path)
     metro = choose_scenario("xuzhou_metro").with_(duration=5)
-    assert "called os._exit(5)" in drive_point(metro, 1, {"law": "exiting_law:Law"}, PartCache())["reason"]
+    for point, status in (({}, 5), ({"laws.exiting_law:Law.ends": 1.0}, 4)):
+        row = drive_point(metro, 1, {"law": "exiting_law:Law", **point}, PartCache())
+        assert f"called os._exit({status})" in row["reason"]
 
 
 def test_a_row_has_the_end_of_its_run() -> None:

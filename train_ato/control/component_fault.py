@@ -98,7 +98,7 @@ def refused_at_start(kind: str, name: str, component: object) -> Iterator[None]:
         yield
     except ValueError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if component.__module__.partition(".")[0] in _OF_PROJECT:
             raise
         raise ValueError(fault_of_error(kind, name, error)) from error

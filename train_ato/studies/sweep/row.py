@@ -56,7 +56,8 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
     begin = time.perf_counter()
     row: Row = {"run": number, "point": dict(point), "status": "refused", "reason": ""}
     try:
-        setup = base.with_(point).prepare(parts=parts, noted=False)
+        with no_silent_exit():
+            setup = base.with_(point).prepare(parts=parts, noted=False)
     except ValueError as error:
         return {**row, "reason": one_line(error, base), **_times(begin)}
     row |= {
