@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -259,6 +260,8 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     monkeypatch.setattr(discovery.time, "monotonic", lambda: float(next(clock)))
     found = discovery.Discovery(ends, {}, False, lambda: True)
     assert any(found.complete() for _ in range(20)), found.missing_peers()
+    discovery.answer_ready(SimpleNamespace(serve=lambda *_: None), {})
+    warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
 
 
 CUT = b"\x00\x01\x00\x00" + bytes(5)

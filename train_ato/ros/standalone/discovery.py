@@ -6,6 +6,7 @@ The answers contain the fingerprint of the node's scenario; a difference from th
 import json
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -37,6 +38,8 @@ def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
         response.message = f"{text}{awaits}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
 
+    # An answer to a plant that this node has not discovered yet is lost, of which rclpy warns; the plant asks again.
+    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     endpoints.serve(SetBool, "~/ready", answer)
 
 
