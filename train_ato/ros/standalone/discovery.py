@@ -38,7 +38,7 @@ def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
         response.message = f"{text}{awaits}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
 
-    # An answer to a plant that this node has not discovered yet is lost, of which rclpy warns; the plant asks again.
+    # rclpy warns of an answer to a plant that is not discovered yet; the plant repeats its request.
     warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     endpoints.serve(SetBool, "~/ready", answer)
 
