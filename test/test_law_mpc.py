@@ -526,7 +526,7 @@ def test_the_bounds_of_a_plan_by_hand():
     )
     constants = PlanConstants(
         zero, steps=np.full(4, 0.5), kept=0.1 * np.arange(4), passed=zero, parts=1, near=1, period=0.1, jerk=2.0,
-        pole=1.0, lag=0.0, stop_time=math.inf, stop_room=0.0, drag_slope=0.0, drag_curvature=0.0, front=0.0,
+        pole=1.0, lag=0.4, stop_time=math.inf, stop_room=0.0, drag_slope=0.0, drag_curvature=0.0, front=0.0,
         rear=-20.0, overspeed=0.5, limits=records_of(SpeedLimit, [SpeedLimit(at=0.0, speed=12.0)]),
     )  # fmt: skip
     start = PlanStart(
