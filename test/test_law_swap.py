@@ -271,6 +271,15 @@ def test_a_change_of_a_gain_keeps_the_jerk_of_the_profile() -> None:
     assert (change(recording, 19.0, setup.tick) <= bound(setup)).all()
 
 
+def test_a_late_train_keeps_its_brake_when_its_profile_stops() -> None:
+    """Breaks if a change of a gain lets the brake go early for the profile's stop: a late train was .9 m beyond."""
+    phases = "profile.phases=[{accelerate_to_kmh: 60}, {cruise_until: 35}, {brake_to: 0}]"
+    gust = "interventions=[{at: 14, do: gust, acceleration: -0.7, duration: 24, ramp: 2}]"
+    gain = "law_changes=[{at: 54, laws: {mpc: {omega: 1.29}}}]"
+    setup, recording = driven("xuzhou_metro", "law=mpc", "compensation=none", phases, gust, gain, "duration=70")
+    assert errors(setup, recording, 54.0)[1] < 0.3
+
+
 def test_a_law_that_chatters_before_the_swap_is_told_apart() -> None:
     """Breaks if the chatter of the old law goes on after the swap, or its last command is no begin of the new one."""
     relay = ("laws.smc.gains=printed", "laws.smc.equivalent=feedforward", "laws.smc.kappa=5")

@@ -490,13 +490,18 @@ class ControlStack:
 
         In motion the demand of the law keeps its difference from the force of the profile inside the limits of the
         units; one at the limit that it can reach is not known beyond it. From the begin of an early change on the
-        difference is that of the begin: the law would remove the speed that the early change gains for the corner. With
+        difference is that of the begin: the law would remove the speed that the early change gains for the corner. A
+        train far from its profile is not yet at its corner: a late one still brakes when the profile is at rest. With
         an air brake in action the force of the profile is not that of the units alone. Nor is it always divided by the
         shares on an uneven train.
         """
         t = measurement.stamp * 1e-9
-        rests = self.profile.at(t)[1] == 0.0
+        place, speed, *_ = self.profile.at(t)
+        rests = speed == 0.0
         if not transition.is_bounded or self.model.uneven or (self._brakes_by_air() and not rests):
+            return self.last
+        off = self.model.front(measurement.position) - place, float(measurement.velocity[0]) - speed
+        if transition.beyond is None and takeover.is_far(*off):
             return self.last
         model, ticks, last = self.model, np.arange(transition.lasting)[:, None], np.array(self._before)
         by_unit = getattr(self.law, "uses_feedforward", True)

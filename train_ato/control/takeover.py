@@ -299,6 +299,11 @@ class JoinedReference:
         )  # fmt: skip
 
 
+def is_far(place: float, speed: float) -> bool:
+    """Return True for errors of place [m] and speed [m/s] beyond those that the reference of a new law takes up."""
+    return abs(speed) > JOINING_SPEED or abs(place) > JOINING_SPEED * JOINING_TIME / 1.5
+
+
 def lasting_force(commands: Array, nominal: Array) -> Array:
     """Return the part of the last commands that lasts [N], shape (units,): their mean beyond the nominal force.
 
