@@ -260,6 +260,9 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     monkeypatch.setattr(discovery.time, "monotonic", lambda: float(next(clock)))
     found = discovery.Discovery(ends, {}, False, lambda: True)
     assert any(found.complete() for _ in range(20)), found.missing_peers()
+    late = SimpleNamespace(success=False, message="waits for the end of a second node")
+    client.call_async = lambda _: SimpleNamespace(done=lambda: True, result=lambda: late)
+    assert not all(found.complete() for _ in range(20)), "an answer counts after a second node came"
     discovery.answer_ready(SimpleNamespace(serve=lambda *_: None), {})
     warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
 

@@ -5,6 +5,7 @@ the ticks and changes no number.  Without lockstep it does not wait: the newest 
 counted.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -115,8 +116,8 @@ class PlantNode:
     ----------
     finished : bool
         True after the last tick and its report.
-    recorder_connected : bool
-        True after the message of a recorder that receives every publisher.
+    recorder_heard : float
+        Wall time of the last message of a recorder that receives every publisher [s].
     paused : bool
         True while only single steps begin a tick.
     on_stepped : callable
@@ -148,7 +149,8 @@ class PlantNode:
         self.resets = options.resets
         self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
-        self.blocked = self.recorder_connected = False
+        self.blocked = False
+        self.recorder_heard = -math.inf
         self.paused = False
         self.on_stepped: Callable[[], None] = lambda: None
         self._recorded = recorded
@@ -463,7 +465,7 @@ class PlantNode:
 
     def _on_recorder_progress(self, tick: Tick) -> None:
         if not tick.stamp:
-            self.recorder_connected = True
+            self.recorder_heard = time.monotonic()
             return
         acknowledged = tick.stamp // self.stage.setup.tick_ns
         if not self._acknowledged < acknowledged <= self.stage.tick:

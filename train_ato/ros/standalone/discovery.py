@@ -55,7 +55,7 @@ class Discovery:
     recorded
         True: require a recorder. False: include a recorder only if it starts before all others are ready.
     recorder_connected
-        Returns True after the message of a recorder that receives every publisher.
+        Returns True after a recent message of a recorder that receives every publisher.
 
     Attributes
     ----------
@@ -91,14 +91,13 @@ class Discovery:
             self.recorded = True
             self._asked.clear()
             self._missing = dict.fromkeys(self.others, "has not answered yet about the recorder")
-        for role in self._missing:
+        for role in self.others:  # also after its answer: a second publisher may come and end before the start
             self._poll(role)
-        self._missing = {role: reason for role, reason in self._missing.items() if reason}
-        return not self._missing and not self._missing_for_plant()
+        return not any(self._missing.values()) and not self._missing_for_plant()
 
     def missing_peers(self) -> str:
         """Return every missing node and connection as text."""
-        lacking = [f"{role.value} {reason}" for role, reason in self._missing.items()]
+        lacking = [f"{role.value} {reason}" for role, reason in self._missing.items() if reason]
         return "; ".join([*lacking, *filter(None, [self._missing_for_plant()])])
 
     def departed(self) -> list[Role]:

@@ -123,7 +123,7 @@ class StandaloneRunner:
         self._discovery = None
         self._said: dict[str, re.Match[str]] = {}
         if role is Role.PLANT:
-            self._discovery = Discovery(endpoints, fingerprint, recorded, lambda: bool(node.recorder_connected))
+            self._discovery = Discovery(endpoints, fingerprint, recorded, self._recorder_connected)
         if (role is Role.PLANT and not attached) or role is Role.CONTROLLER:
             endpoints.node.create_subscription(LogMessage, "/rosout", self._hear, ROSOUT)
         if role is Role.OBSERVER and endpoints.external is not Role.CONTROLLER:
@@ -302,6 +302,10 @@ class StandaloneRunner:
             self._report_waiting(f"recorder waits for {', '.join(absent)}")
         else:
             self.endpoints.repeat("recorder/progress", Tick(0))
+
+    def _recorder_connected(self) -> bool:
+        """Return True if the recorder was connected a moment ago: less than the lease of an ended node."""
+        return bool(time.monotonic() - self.node.recorder_heard < LEASE_S / 2)
 
     def _silent_after_end(self) -> bool:
         """Return True if the plant has ended, and no message has come for :data:`SILENCE_S`."""
