@@ -263,7 +263,11 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     late = SimpleNamespace(success=False, message="waits for the end of a second node")
     client.call_async = lambda _: SimpleNamespace(done=lambda: True, result=lambda: late)
     assert not all(found.complete() for _ in range(20)), "an answer counts after a second node came"
-    discovery.answer_ready(SimpleNamespace(serve=lambda *_: None), {})
+    ends.awaited, ends.last_stamp, ends.node = lambda: "", -1, SimpleNamespace(count_publishers=lambda topic: 1)
+    ends.serve = lambda kind, name, answer: setattr(ends, "answer", answer)
+    discovery.answer_ready(ends, {})
+    beside = [ends.answer(SetBool.Request(data=data), SetBool.Response()).success for data in (False, True)]
+    assert beside == [False, True], "a run begins before the plant has found the recorder"
     warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
 
 

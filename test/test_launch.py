@@ -33,7 +33,9 @@ def literals(file: Path) -> dict[str, Any]:
     return found
 
 
-def test_launch_files_name_nodes_and_options_that_exist(capsys: pytest.CaptureFixture[str]) -> None:
+def test_launch_files_name_nodes_and_options_that_exist(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Breaks if a node or an option is renamed and a launch file, which needs a ROS 2 installation, is not."""
     assert [file.name.partition(".")[0] for file in LAUNCH] == ["demo", "external", "two_hosts", "two_trains"]
     of_demo, of_hosts = literals(LAUNCH[0])["ARGUMENTS"], literals(LAUNCH[2])["HOSTS"]
@@ -47,6 +49,11 @@ def test_launch_files_name_nodes_and_options_that_exist(capsys: pytest.CaptureFi
         options = ["--scenario", "--external", *{"recorder": ["--out"], "plant": ["--recorded"]}.get(node, [])]
         text = capsys.readouterr().out
         assert all(option in text for option in options)
+    for words, status, says in ((["--help"], 0, "see `NODE --help`"), (["contoller"], 2, "did you mean 'controller'?")):
+        monkeypatch.setattr(sys, "argv", ["standalone", *words])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_module("train_ato.ros.standalone", run_name="__main__")
+        assert ended.value.code == status and says in "".join(capsys.readouterr())
     source = LAUNCH[0].read_text()
     assert all(f'given["{name}"]' in source for name in of_demo)
 

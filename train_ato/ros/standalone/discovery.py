@@ -28,10 +28,15 @@ ANSWER_S = 2.0
 
 
 def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
-    """Offer the service ``~/ready``: true if all endpoints are connected, with ``data`` those of the recorder too."""
+    """Offer the service ``~/ready``: true if all endpoints are connected, with ``data`` those of the recorder too.
+
+    Without ``data`` it is false beside a recorder: the plant would begin before the recorder receives anything.
+    """
 
     def answer(request: Any, response: Any) -> Any:
         absent = endpoints.missing((Role.RECORDER,) if request.data else ())
+        if not request.data and endpoints.node.count_publishers("recorder/progress"):
+            absent.append("the plant, which has not found the recorder yet")
         response.success = not absent
         text = f"waits for {', '.join(absent)}" if absent else "all endpoints are connected"
         awaits = f"{_AWAITS}{topic}" if (topic := endpoints.awaited()) else ""
