@@ -93,8 +93,11 @@ def post(chainage: float, digits: int = 3) -> str:
     return f"{'-' if chainage < 0 < size else ''}{kilometres}+{metres.zfill(3)}"
 
 
-def post_at(sections: Sequence[ChainageSection], begin: float, place: float) -> str:
-    """Return the post of a place [m] on a line that begins at ``begin`` [m]; beyond its ends the kilometres go on."""
+def post_at(sections: Sequence[ChainageSection], begin: float, place: float, digits: int = 3) -> str:
+    """Return the post of a place [m], with ``digits`` of a metre, on a line that begins at ``begin`` [m].
+
+    Beyond the ends of the line the kilometres go on.
+    """
     left = place - begin
     for section in sections[:-1]:
         if left < section.length - ROUNDING:
@@ -102,7 +105,7 @@ def post_at(sections: Sequence[ChainageSection], begin: float, place: float) -> 
         left -= section.length
     else:
         section = sections[-1]
-    return post(section.begin + (left if section.end > section.begin else -left))
+    return post(round(section.begin + (left if section.end > section.begin else -left), digits))
 
 
 def place_of_post(sections: Sequence[ChainageSection], begin: float, text: str) -> float:

@@ -338,7 +338,7 @@ class Line(SiModel):
 
         def shown(found: re.Match[str]) -> str:
             place = 1e3 * float(found[1])
-            return f"km {self.post_at(place)}" if self.begin <= place <= self.end else found[0]
+            return f"km {post_at(self.chainage, self.begin, place, 0)}" if self.begin <= place <= self.end else found[0]
 
         return re.sub(r"\bkm (-?\d+\.\d{3})(?!\d| \.\.\. \S+, posts)", shown, text) if self.chainage else text
 

@@ -70,6 +70,8 @@ def test_a_table_by_hand_and_back(tmp_path: Path) -> None:
         ("position_m\tv_max_m_s", "0\t25\n2000\t25", "speed_limits", [25.0]),
         ("position_m,grade_percent", "0,1.5\r1000,1.5", "grades", [0.015]),
         ("position_m,gradient %", "0,0.1\n1000,0.1", "grades", [0.001]),
+        ("mi,elevation [feet]", "0,0\n1,52.8", "grades", [0.01]),
+        ("position_meters,speed [mi/h]", "0,25\n2,25", "speed_limits", [25 * 0.44704]),
     ],
 )
 def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: list[float]) -> None:
@@ -85,6 +87,9 @@ def test_units_of_a_table(tmp_path: Path, head: str, row: str, key: str, value: 
         ("", "is empty; write a line with titles"),
         ("grade_permille\n1\n2\n", "no place; name a column position_m"),
         ("position,grade_permille\n0,1\n", "'position' has no known unit; name it position_m"),
+        ("position_m,km/h\n0,1\n", "'km/h' is a unit without a quantity; name it speed_limit_kmh"),
+        ("m,speed_kmh\n0,1\n", "a quantity; name it position_m or elevation_m or radius_m"),
+        ("position_m,cant_mm\n0,1\n", "'cant_mm', none of position, grade, elevation, speed_limit, radius"),
         ("position_m,slop\n0,1\n", "unknown column 'slop'; did you mean 'slope'"),
         ("position_m,grade_permille\n0,x\n5,1\n", "line 2, grade_permille = 'x': is not a number"),
         ("position_m,grade_permille\n0,1\n", "1 rows; a line needs two"),

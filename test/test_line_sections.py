@@ -516,6 +516,8 @@ def test_falling_kilometres_with_a_jump_are_read_and_shown_again() -> None:
     assert load_line("level").post_at(1234.0) == "1.234"
     extent = "km 0.000 ... 5.000, posts 17+000 ... 11+850"
     assert line.with_posts(f"km 2.850, km 9.000, {extent}") == f"km 14+000, km 9.000, {extent}"
+    broken = build_model(Line, yaml.safe_load(POSTS.read_text().replace("17+000, end", "17+000.4, end")), "of 2800.4 m")
+    assert broken.with_posts("km 2.850") == "km 14+000"
 
 
 def test_curves_model_and_measured_run_have_the_limits_of_the_category_of_the_train(tmp_path: Path, capsys) -> None:

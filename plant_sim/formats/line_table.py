@@ -41,12 +41,17 @@ MAX_VALUES = {
 SHARPEST = 5.0
 """Smallest radius of a curve [m]."""
 OTHER_NAMES = {
-    "place": "position", "chainage": "position", "km": "position", "s": "position", "milepost": "position",
-    "distance": "position", "gradient": "grade", "slope": "grade", "height": "elevation", "altitude": "elevation",
-    "ele": "elevation", "speed": "speed_limit", "limit": "speed_limit", "vmax": "speed_limit", "v_max": "speed_limit",
-    "curve_radius": "radius", "lat": "latitude", "lon": "longitude", "station": "stop", "name": "stop",
+    "place": "position", "chainage": "position", "km": "position", "mi": "position", "mile": "position",
+    "miles": "position", "s": "position", "milepost": "position", "distance": "position", "gradient": "grade",
+    "slope": "grade", "height": "elevation", "altitude": "elevation", "ele": "elevation", "speed": "speed_limit",
+    "limit": "speed_limit", "vmax": "speed_limit", "v_max": "speed_limit", "curve_radius": "radius", "lat": "latitude",
+    "lon": "longitude", "station": "stop", "name": "stop",
 }  # fmt: skip
-UNITS = {"km_h": "kmh", "kph": "kmh", "": "1", "degree": "deg", "miles": "mi", "feet": "ft", "promille": "permille"}
+UNITS = {
+    "km_h": "kmh", "kph": "kmh", "mi_h": "mph", "": "1", "degree": "deg", "mile": "mi", "miles": "mi", "foot": "ft",
+    "feet": "ft", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "promille": "permille",
+    "per_mille": "permille", "pct": "percent",
+}  # fmt: skip
 _SIGNS = {"‰": " permille", "%": " percent", "°": " deg"}
 TEXT = "stop"
 IN_A_TABLE = ("begin", "grades", "speed_limits", "curves", "stops", "stops[].name", "coordinates")
@@ -211,16 +216,21 @@ def _column(title: str, place: str) -> _Column:
         spelt = spelt.replace(sign, unit)
     parts = _BRACKETS.match(spelt)
     plain = re.sub(r"[^a-z0-9]+", "_", (parts[1] if parts else spelt).lower()).strip("_")
+    alone = UNITS.get(plain, plain)
+    named = [f"{quantity}_{alone}" for quantity, units in QUANTITIES.items() if plain and alone in units]
+    if named and plain not in OTHER_NAMES:
+        raise ValueError(f"{place}: column '{title}' is a unit without a quantity; name it {' or '.join(named)}")
     known = sorted({*OTHER_NAMES, *QUANTITIES, TEXT}, key=len, reverse=True)
     name = next((name for name in known if plain == name or (not parts and plain.startswith(f"{name}_"))), None)
     if name is None:
-        raise ValueError(f"{place}: unknown column '{title}'{close_match(plain, known)}; rename or remove it")
+        near = close_match(plain, known) or f", none of {', '.join(QUANTITIES)}, {TEXT}"
+        raise ValueError(f"{place}: unknown column '{title}'{near}; rename or remove it")
     quantity = OTHER_NAMES.get(name, name)
     if quantity == TEXT:
         return _Column(title, TEXT, 1.0)
-    own = "km" if name == "km" else "deg" if quantity in ("latitude", "longitude") else ""
+    own = "deg" if quantity in ("latitude", "longitude") else UNITS.get(name, name)
     raw = parts[2] if parts else plain[len(name) + 1 :]
-    unit = re.sub(r"[^a-z0-9]+", "_", raw.lower()).strip("_") or own
+    unit = re.sub(r"[^a-z0-9]+", "_", raw.lower()).strip("_") or (own if own in QUANTITIES[quantity] else "")
     factor = QUANTITIES[quantity].get(UNITS.get(unit, unit))
     if factor is None or (not unit and quantity != "grade"):
         units = ", ".join(f"{quantity}_{unit}" for unit in QUANTITIES[quantity])
