@@ -547,11 +547,16 @@ def test_curves_model_and_measured_run_have_the_limits_of_the_category_of_the_tr
         ("plan {line} {train} --time 9", "between km 16+800 and km 12+000"),
         ("list {mile} --units us", "from mi 10 to mi 13"),
         ("list {mile} --units us", "40 ... 60 mph"),
+        ("list {line}:reverse", "from km 11+850 to km 17+000"),
+        ("list xuzhou_metro_test:reverse", "-0.9 m at its end"),
+        ("list {table}", "from km 0 to km 1.609344"),
     ],
 )
 def test_commands_show_places_and_limits_as_the_line_has_them(command, shown, tmp_path, capsys):
     """Breaks if a refusal has distances for posts, or US units are those of rounded kilometres: 40 mph as 39.8."""
     files = {"line": POSTS, "train": TRAIN, "scenario": tmp_path / "s.yaml", "mile": tmp_path / "mile.yaml"}
+    files["table"] = tmp_path / "a.csv"
+    files["table"].write_text("mi,grade_percent\n0,1\n1,1\n")
     block = f"plant: {{consist: {TRAIN}, line: {POSTS}}}, profile: {{plan: {{}}}}"
     files["scenario"].write_text(f"{{schema: train_ato/scenario/1, name: s, duration: 9, {block}}}")
     limits = "[{at_mi: 10, speed_mph: 40}, {at_mi: 11, speed_mph: 60}]"

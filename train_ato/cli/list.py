@@ -1,8 +1,8 @@
-"""``train-ato list [NAME | FILE.yaml]``: all names with one line each, or the details of one name or file.
+"""``train-ato list [NAME | FILE]``: all names with one line each, or the details of one name or file.
 
 Options::
 
-    name NAME | FILE.yaml  print details of this name, or of a scenario, following, consist or line file
+    name NAME | FILE  print details of this name, or of a scenario, following, consist or line file of any format
 """
 
 from __future__ import annotations
@@ -41,8 +41,11 @@ def details(name: str) -> dict[str, Facts]:
 
     if (trains := find_following(name)) is not None:
         return {"following": _following(trains)}
-    if Path(split_name(name)[0]).suffix in (".yaml", ".yml"):
+    path = Path(split_name(name)[0])
+    if path.suffix in (".yaml", ".yml"):
         return _file(name)
+    if path.is_file():
+        return _line_or_train(name, path)
     found: dict[str, Facts] = {}
     if split_name(name)[0] in shipped_scenarios():
         found["scenario"] = _scenario(name)
@@ -51,27 +54,34 @@ def details(name: str) -> dict[str, Facts]:
             found[kind] = _block(registry, name)
     if name in consist_names():
         found["consist"] = _consist(load_consist(name))
-    if name in line_names():
+    if split_name(name)[0] in line_names():
         found["line"] = _line(load_line(name))
     return found
 
 
 def _file(name: str) -> dict[str, Facts]:
-    """Return the details of a scenario, consist or line file, by its schema."""
-    from plant_sim.library import load_consist, load_line, read_yaml, split_name
+    """Return the details of a scenario, consist or line file, by its schema or its content."""
+    from plant_sim.formats.reading import kinds_of
+    from plant_sim.library import read_yaml, split_name
 
     path = Path(split_name(name)[0])
     data = read_yaml(path)
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     kind = schema.removeprefix("train_ato/").partition("/")[0]
-    if kind == "consist":
-        return {kind: _consist(load_consist(str(path)))}
-    if kind == "line":
-        return {kind: _line(load_line(str(path)))}
+    if kind in ("consist", "line") or kinds_of(data):
+        return _line_or_train(name, path)
     if kind != "scenario" and not (isinstance(data, dict) and "base" in data):
         known = ", ".join(f"train_ato/{name}/1" for name in ("scenario", "consist", "line", "following"))
         raise ValueError(f"{path}: schema: {schema!r}: not known; write one of {known}")
     return {"scenario": _scenario(name)}
+
+
+def _line_or_train(name: str, path: Path) -> dict[str, Facts]:
+    """Return the details of a file in any format, with the selection or the direction in its name."""
+    from plant_sim.formats.reading import holds_train
+    from plant_sim.library import load_consist, load_line
+
+    return {"consist": _consist(load_consist(name))} if holds_train(path) else {"line": _line(load_line(name))}
 
 
 def _scenario(name: str) -> Facts:
