@@ -10,7 +10,6 @@ from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust, OutsideForces
 from plant_sim.elementary import random_stream
 from plant_sim.jumps import Jumps, PartedCouplers
-from plant_sim.kernel_cache import kernels_are_kept
 from plant_sim.line import Line
 from plant_sim.packing import pack
 from plant_sim.plant_setup import Jump, PlantSetup
@@ -302,8 +301,8 @@ class Train:
         )
 
 
-def compile_kernel() -> bool:
-    """Load the compiled kernel by one step of a two-vehicle train; return True if it was compiled.
+def compile_kernel() -> None:
+    """Load the compiled kernel by one step of a two-vehicle train.
 
     The first compilation on a machine takes some seconds; :mod:`plant_sim.compiled` describes the cache.
     """
@@ -319,5 +318,3 @@ def compile_kernel() -> bool:
     )
     line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0})
     Train(consist, line, PlantSetup(), step_ns=1_000_000, tick_ns=1_000_000).advance(np.zeros((1, 0)))
-    stats = getattr(k.advance, "stats", None)  # missing with NUMBA_DISABLE_JIT
-    return stats is not None and (not kernels_are_kept() or bool(sum(stats.cache_misses.values())))

@@ -260,11 +260,11 @@ class _Parser:
         self._at += 1
         return token
 
-    def _expect(self, *texts: str) -> _Token:
+    def _expect(self, *texts: str) -> None:
         token = self._next
         if token.kind != "sign" or token.text not in texts:
             raise _fault(token, f"expected '{texts[0]}'; add it")
-        return self._take()
+        self._take()
 
     def formula(self) -> Formula:
         """Return the whole text as a formula."""

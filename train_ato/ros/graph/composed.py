@@ -127,15 +127,12 @@ class _Composed:
         end.failure = self._watch.failure and with_stop(self._watch.failure, self._apart)
         return end
 
-    def _turn_until(self, done: Callable[[], bool], limit: float) -> bool:
-        """Run callbacks until a condition is true; return False after the limit [s] or a failure of the run."""
+    def _turn_until(self, done: Callable[[], bool], limit: float) -> None:
+        """Run callbacks until a condition is true, at most for the limit [s] or until a failure of the run."""
         last = time.monotonic() + limit
-        while not done():
-            if time.monotonic() > last or self._watch.failure is not None:
-                return False
+        while not done() and time.monotonic() <= last and self._watch.failure is None:
             self._executor.spin_once(timeout_sec=_SHORT_S)
             self._record()
-        return True
 
     def _record(self) -> None:
         self._all_endpoints[Role.RECORDER].guard(self._nodes[Role.RECORDER].poll)
