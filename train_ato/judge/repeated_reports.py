@@ -105,7 +105,8 @@ class _OpenReport(RepeatedReport):
         if mine.values.keys() != theirs.values.keys():
             return False
         added: dict[str, array[Any]] = {}
-        for key in self._columns.keys() | other.numbers.keys() | _different(mine.values, theirs.values):
+        different = {key for key, text in mine.values.items() if theirs.values[key] != text}
+        for key in self._columns.keys() | other.numbers.keys() | different:
             kind, column = self._kind(key), _numbers(other, key)
             if column is None or kind != column.typecode:
                 return False
@@ -125,10 +126,6 @@ class _OpenReport(RepeatedReport):
             return column.typecode
         number = _number(self.first.values[key])
         return None if number is None else KINDS[type(number)]
-
-
-def _different(one: Mapping[str, str], other: Mapping[str, str]) -> set[str]:
-    return {key for key, text in one.items() if other[key] != text}
 
 
 def _column(numbers: Column) -> array[Any] | None:

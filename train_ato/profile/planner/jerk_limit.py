@@ -28,7 +28,7 @@ TOLERANCE = 1e-6
 """Relative excess of a force or limit that counts as rounding."""
 
 
-def fit_jerk_limit(section: PlanSection, start: float, period: float, strategy: DrivingStrategy = MINIMUM_TIME) -> None:
+def fit_jerk_limit(section: PlanSection, start: float, period: float, strategy: DrivingStrategy) -> None:
     """Increase window, reserves and limit extension until the averaged section keeps every limit at the knots.
 
     Parameters

@@ -78,11 +78,6 @@ class Journey:
         """Running time [s]."""
         return float(self.time[-1])
 
-    @property
-    def traction_work(self) -> float:
-        """Work of the drives in traction [J]."""
-        return float((np.maximum(self.force, 0.0) * np.diff(self.place)).sum())
-
 
 class JourneySearch:
     """Search on one train and line, for several prices of time.
