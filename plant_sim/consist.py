@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.elementary import plain_sum
 from plant_sim.gears import DraftGear
+from plant_sim.input_error import explain
 from plant_sim.line import Rating
 from plant_sim.si_model import SiModel, Source, Summary, option
 from plant_sim.units import (
@@ -116,9 +117,7 @@ def _segments(value: Any) -> Any:
     try:
         return ForcePoints.model_validate(value).segments()
     except ValidationError as error:
-        first = error.errors()[0]
-        text = first["msg"].removeprefix("Value error, ")
-        raise ValueError(" ".join([*(f"{part}:" for part in first["loc"]), text])) from None
+        raise ValueError(explain(error, "", ForcePoints, value).lines[0].removeprefix(": ")) from None
 
 
 EnvelopeOfForce = Annotated[

@@ -407,8 +407,9 @@ def test_an_envelope_as_points_has_the_forces_between_them(tmp_path: Path) -> No
     forces = [Envelope(vehicle.traction).force(v) for v in (0.0, 5.0, 15.0, 19.99, 20.1)]
     assert forces == pytest.approx([100e3, 95e3, 60e3, 30.06e3, 0.0])
     for points, message in (
-        ({"speed": [0, 5], "force": [1.0]}, "traction: force: "),
         ({"speed": [5, 0], "force": [1.0, 2.0]}, "traction: speeds must rise"),
+        ({"speed_kmh": [0], "force": [1.0]}, r"traction: speed_kmh = \[0\]: needs at least 2 entries; add them"),
+        ({"speed": [0, 5]}, "traction: force: this key is missing; add it"),
         ({"speeds": [5, 0], "force": [1.0, 2.0]}, "traction: speed"),
     ):
         kind["traction"] = points
