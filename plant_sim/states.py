@@ -82,6 +82,13 @@ class Measurement:
     rate: Array = field(metadata=described("deflection_rate", "m/s", "rate of deflection"))
     force: Array = field(metadata=described("force", "N", "force"))
 
+    def copy(self) -> "Measurement":
+        """Return the measurement in arrays of its own: a law or an observer may write into them, a recording not."""
+        return Measurement(
+            self.stamp, self.position.copy(), self.velocity.copy(), self.applied.copy(), self.deflection.copy(),
+            self.rate.copy(), self.force.copy(),
+        )  # fmt: skip
+
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)

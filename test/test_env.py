@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from numba import typeof
 from refusals import one_line
@@ -334,6 +335,21 @@ def test_wrong_uses_are_refused_in_one_line():
     with pytest.raises(ValueError, match="has ended"):
         env.step(0.0)
     assert other_state.seed == env.setup.seed
+
+
+def test_the_caller_may_write_into_all_that_a_step_returns():
+    """Breaks if the log has what the caller wrote into ``info["command"]`` or into an observation."""
+    commands = []
+    for added in (0.0, 5.0):
+        env = ta.Env("xuzhou_metro", set={"duration": 1})
+        env.reset()
+        ended = False
+        while not ended:
+            observation, _, ended, _, info = env.step(1e4)
+            for values in (info["command"], *observation.values()):
+                values += added
+        commands.append(env.run["ato/command"])
+    pd.testing.assert_frame_equal(*commands)
 
 
 def test_own_signals_are_in_the_log_and_verified(tmp_path, capsys):

@@ -535,6 +535,37 @@ def test_whole_numbers_are_forces() -> None:
     assert run.metrics["ticks"] == 440 and run.recording.command[-1, 0] == 1000.0
 
 
+class Writer(UnsoundObserver):
+    """Law and observer: writes into all its inputs, and returns an array of its own that the next step changes."""
+
+    writes = False
+
+    def bind(self, model: Any, period: float) -> None:
+        self.own, self.seen = np.zeros(model.n_units), []
+
+    def step(self, inputs: Any) -> Any:
+        given = [value for name in inputs.__slots__ if isinstance(value := getattr(inputs, name), np.ndarray)]
+        self.seen.append([value.tolist() for value in given])
+        self.own += 1000.0
+        for value in given if self.writes else ():
+            value += 1.0
+        return self.own if self.gain else LawOutput(self.own)
+
+
+@pytest.mark.parametrize("scenario", ["demo", "xuzhou_metro"])
+def test_writing_into_the_inputs_changes_no_message(scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the log has what a law or an observer wrote, or all estimates are the last one, or a step sees it."""
+    parts = [(Writer(0.0), Writer(1.0)) for _ in range(2)]
+    runs = []
+    for writes, (law, observer) in zip((False, True), parts, strict=True):
+        monkeypatch.setattr(Writer, "writes", writes)
+        runs.append(ta.run(scenario, law=law, observer=observer, set={"duration": 3}))
+    for topic in ("train/measurement", "ato/estimate", "ato/command"):
+        pd.testing.assert_frame_equal(runs[0][topic], runs[1][topic])
+    assert [part.seen for part in parts[0]] == [part.seen for part in parts[1]]
+    assert runs[0]["ato/estimate"].iloc[:3, -1].tolist() == [1000.0, 2000.0, 3000.0]
+
+
 @pytest.mark.parametrize("mode", ["engine", pytest.param("composed", marks=pytest.mark.graph)])
 def test_a_law_object_is_the_object_that_runs(mode: Any) -> None:
     """Breaks if the run makes another law from the keywords: the user's object would see no step."""

@@ -338,15 +338,13 @@ class ControlStack:
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
     ) -> list[float]:
         low, high = self.model.force_limits(measurement.velocity)
-        known = measurement
+        known = measurement.copy()  # a law may write into its inputs
         if self._displacement is not None:
-            known = self._displacement.without(measurement, self.model.front(measurement.position))
-        answered = self._answered(known, reference, estimate, low.copy(), high.copy())  # a law may write into them
+            known = self._displacement.without(known, self.model.front(measurement.position))
+        answered = self._answered(known, reference, estimate, low.copy(), high.copy())
         if answered is None:
             return self.last
         inputs, output = answered
-        uses = getattr(self.law, "uses_feedforward", True)
-        self.fed = inputs.feedforward if uses else self._no_disturbance, inputs.disturbance
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
         if output.held:
@@ -387,9 +385,9 @@ class ControlStack:
         """
         answer, self.answer = self.answer, None
         if self._fault is None:
-            disturbance = self._no_disturbance if estimate is None else estimate.force
+            disturbance = (self._no_disturbance if estimate is None else estimate.force).copy()
             if not all_within(disturbance, MAX_FORCE):
-                disturbance = self._no_disturbance
+                disturbance = self._no_disturbance.copy()
                 self._invalid_estimates += 1
             kind, name = "compensation", type(self.compensation).__name__
             try:
@@ -412,6 +410,8 @@ class ControlStack:
                 with self._law_limit:
                     if self._transition is not None:
                         inputs = self._taken_over(inputs, self._transition)
+                    uses = getattr(self.law, "uses_feedforward", True)
+                    self.fed = (inputs.feedforward if uses else self._no_disturbance).copy(), inputs.disturbance.copy()
                     output = self.law.step(inputs) if answer is None else fault.unless_raised(answer)
                 if not self._is_guarded:
                     self._fault_text = fault.output_fault(name, self.law, output, self.model.n_units)

@@ -69,7 +69,7 @@ class ObserverStage:
                         setup.observer, self.stack.observer, estimate.force, setup.model.n_units
                     )
                     if not text:
-                        return DisturbanceEstimate(stamp, np.asarray(estimate.force, dtype=np.float64))
+                        return DisturbanceEstimate(stamp, np.array(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any
                     fault.raise_if_interrupted(error)
                     cause, text = error, fault.fault_of_error("observer", setup.observer, error)

@@ -147,7 +147,7 @@ class PythonLaw(PythonCall):
             position, velocity, applied, reference_position, reference_velocity, reference_acceleration, feedforward,
             disturbance, force_min, force_max, shoe_force,
         ) = self._given.copy()  # fmt: skip
-        deflection, rate, coupler_force = self._arrays.couplers[tick]
+        deflection, rate, coupler_force = self._arrays.couplers[tick].copy()
         horizon, preview, stack = getattr(self._law, "horizon", 0), NO_PREVIEW, self._stack
         if horizon:
             preview = Preview(*stack.profile.window(self._forecast.effects[tick], horizon, stack.period))

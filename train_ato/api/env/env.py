@@ -344,7 +344,7 @@ class Env(CallerForces):
         protection, ato = loop.plant.protection, loop.controller.ato
         info: dict[str, Any] = {
             "time": loop.ticks * self.setup.tick,
-            "command": loop.command,
+            "command": loop.command.copy(),
             "engaged": episode.known.engaged,
             "brake": protection.level.text,
             "reason": protection.reason,

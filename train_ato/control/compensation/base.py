@@ -193,7 +193,7 @@ class CompensationBase:
             deflection=measurement.deflection,
             rate=measurement.rate,
             coupler_force=measurement.force if coupler_force is None else coupler_force,
-            shoe_force=shoes.own,
+            shoe_force=shoes.own.copy(),
             train_shoe_force=shoes.total,
             commands_in_flight=inputs.commands_in_flight,
             force_min=inputs.force_min,

@@ -113,12 +113,12 @@ class ObserverStack:
 
     def step(self, measurement: Measurement) -> DisturbanceEstimate:
         """Return the estimate with the stamp of the measurement."""
-        shoes, t, seen = self._no_shoes, measurement.stamp * 1e-9, measurement
+        shoes, t, seen = self._no_shoes, measurement.stamp * 1e-9, measurement.copy()
         if self.shoes.fitted:
             if is_valid_state(measurement):
                 self.speed = float(measurement.velocity[0])
                 position, applied = self._model.front(measurement.position), total_of_units(measurement.applied)
                 self.shoes.demand(t, self.policy.step(t, position, self.speed, applied))
             shoes = self.shoes.at(t, self.speed)
-        inputs = ObserverInput(t, seen.position, seen.velocity, seen.applied, seen.force, shoes.own, shoes.total)
+        inputs = ObserverInput(t, seen.position, seen.velocity, seen.applied, seen.force, shoes.own.copy(), shoes.total)
         return DisturbanceEstimate(measurement.stamp, self.observer.step(inputs))
