@@ -96,11 +96,12 @@ def test_gaps_are_found_where_they_are(tmp_path: Path) -> None:
 
 def test_a_log_that_was_never_closed_names_recover(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a killed run shows nothing, or the remedy for its log is missing."""
-    partial = tmp_path / "run.mcap.partial"
+    partial = tmp_path / "my runs" / "run.mcap.partial"
+    partial.parent.mkdir()
     partial.write_bytes(GOLDEN.read_bytes()[:200_000])
-    for path in (partial, tmp_path):
+    for path in (partial, partial.parent):
         found = answer(capsys, "info", str(path))
-        assert f"train-ato recover {partial}" in found["note"]
+        assert f"train-ato recover '{partial}'" in found["note"]  # to be copied
         assert 100 < found["messages"]["/train/vehicles"] <= 441
         assert found["versions"]
     assert main(["info", str(partial)]) == 0

@@ -275,7 +275,8 @@ def test_a_sweep_continues_with_the_missing_runs(whole: Path, tmp_path: Path) ->
     lines = (folder / "runs.jsonl").read_text().splitlines(keepends=True)
     (folder / "runs.jsonl").write_text("".join(lines[:8]) + lines[8][:40])
     kept = (folder / "runs.jsonl").read_bytes()
-    result = ta.sweep(SPEC, out=folder, jobs=1, progress=False)
+    over = SPEC["over"] | {"law": np.array(["pid", "smc"])}  # as its list
+    result = ta.sweep(SPEC | {"over": over}, out=folder, jobs=1, progress=False)
     assert (folder / "runs.jsonl").read_bytes().startswith(kept)
     table, _ = sweeps.read_results(whole / "results.parquet")
     assert result.table.drop(columns=TIMED).equals(table.drop(columns=TIMED))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -158,7 +159,8 @@ def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
     found = []
     for path in (run,) if other == ALONE else (run, other):
         if partial_of(path) is not None:
-            raise ValueError(f"--fatigue: {path}: a run without its end; recover it first: train-ato recover {path}")
+            command = f"train-ato recover {shlex.quote(str(path))}"
+            raise ValueError(f"--fatigue: {path}: a run without its end; recover it first: {command}")
         with activity(f"reading {path}"):
             fatigue = coupler_fatigue(open_recording(path))
         if fatigue is None:

@@ -1,5 +1,6 @@
 """States of supervision, train protection and ATO over a run, from its diagnostics, and its events as text."""
 
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -140,7 +141,7 @@ def protection_note(summary: Mapping[str, Any], run: str) -> str:
     """Return the events of a summary with their remedies, "" without events; ``run`` is the folder of the run."""
     parts = [summary_events(summary)]
     if summary.get("brake_interventions") or summary.get("takeovers"):
-        parts.append(f"see speed and limits with `train-ato report {run}`")
+        parts.append(f"see speed and limits with `train-ato report {shlex.quote(run)}`")
     if summary.get("ato_disengaged_s") is not None and summary.get("status") != FAILED:
         parts.append(ENGAGE)
     return "; ".join(part for part in parts if part)

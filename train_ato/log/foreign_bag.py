@@ -4,6 +4,7 @@ A bag that is not a single plain MCAP file is copied once per process into a tem
 """
 
 import re
+import shlex
 import shutil
 import sqlite3
 import struct
@@ -197,7 +198,8 @@ def of_sqlite(file: Path) -> Iterator[RawMessage]:
     except (sqlite3.Error, KeyError) as error:
         with tempfile.TemporaryDirectory(prefix="train_ato_bag_") as folder:
             some = any(True for _ in of_damaged_sqlite(file, Path(folder)))
-        saved = f"`train-ato recover {file}` saves the readable part" if some else "no message in it is readable"
+        command = f"`train-ato recover {shlex.quote(str(file))}`"
+        saved = f"{command} saves the readable part" if some else "no message in it is readable"
         what = f"the table topics has no topic {error}" if isinstance(error, KeyError) else error
         raise ValueError(f"{file}: damaged or no bag ({what}); {saved}") from None
 

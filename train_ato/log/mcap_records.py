@@ -6,6 +6,7 @@ read gigabytes or lose a chunk without an error.  Here every inconsistency is a 
 
 import mmap
 import re
+import shlex
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -352,7 +353,7 @@ def _remedy(path: Path) -> str:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             heads = [found.start() for found in CHUNK.finditer(data)]
             some = any(HEAD.unpack_from(data, at)[1] <= len(data) - at - HEAD.size for at in heads)
-    saved = f"`train-ato recover {path}` saves what is undamaged, if anything is"
+    saved = f"`train-ato recover {shlex.quote(str(path))}` saves what is undamaged, if anything is"
     return saved if some else "no message in it is readable"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import shlex
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -65,7 +66,7 @@ def state_of(partial: Path) -> str:
     """Return the state of a run with a partial log, with the remedy."""
     if being_written(partial):
         return "the run still goes on; wait for its end, or end it with Ctrl-C"
-    return f"the run was killed; `train-ato recover {partial}` makes its log readable"
+    return f"the run was killed; `train-ato recover {shlex.quote(str(partial))}` makes its log readable"
 
 
 def being_written(path: Path) -> bool:
