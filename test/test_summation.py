@@ -24,7 +24,6 @@ LAYERS = (
 EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
-    "plant_sim/train.py": {"sum(stats.cache_misses.values())"},
     "train_ato/control/algorithms/coupler_modes.py": {
         "sum(parted[:number])", "sum(modes.damped_by_loop(dead_time(model), outlast=True))",
     },
