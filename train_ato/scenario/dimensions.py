@@ -79,8 +79,7 @@ def read_dimensions(data: Any, where: str, *, default_steps: int = 2) -> tuple[D
     Parameters
     ----------
     data
-        Mapping of keys to a list of values, in a program also a range, tuple or array; or to ``{from, to, steps,
-        scale}``.
+        Mapping of keys to a list of values, or to ``{from, to, steps, scale}``.
     where
         Begin of messages: file and key.
     default_steps
@@ -99,8 +98,6 @@ def read_dimensions(data: Any, where: str, *, default_steps: int = 2) -> tuple[D
 
 
 def _dimension(key: str, entry: Any, where: str, default_steps: int) -> Dimension:
-    if isinstance(entry, (range, tuple, np.ndarray)):  # in a program, as its list of numbers
-        entry = entry.tolist() if isinstance(entry, np.ndarray) else list(entry)
     if isinstance(entry, list):
         if not entry:
             raise ValueError(f"{where}: an empty list; add a value")

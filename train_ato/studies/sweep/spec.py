@@ -88,6 +88,8 @@ def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) 
     folder = Path()
     if isinstance(spec, Mapping):
         data: Any = dict(spec)
+        if isinstance(over := data.get("over"), Mapping):
+            data["over"] = {key: _listed(entry) for key, entry in over.items()}
     else:
         path = Path(spec)
         if not path.is_file():
@@ -102,6 +104,13 @@ def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) 
         if key not in KEYS:
             raise ValueError(f"{source}: {key}: unknown key{close_match(str(key), KEYS)}; use {', '.join(KEYS)}")
     return _checked(data, folder, source)
+
+
+def _listed(entry: Any) -> Any:
+    """Return a range, tuple or array of a program as the list that a file has."""
+    if isinstance(entry, np.ndarray):
+        return entry.tolist()
+    return list(entry) if isinstance(entry, (range, tuple)) else entry
 
 
 def _checked(data: dict[str, Any], folder: Path, source: str) -> SweepSpec:
