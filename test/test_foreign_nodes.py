@@ -44,7 +44,7 @@ from train_ato.ros.graph.composed import run_composed
 from train_ato.ros.graph.environment import applied, claim_domain, middleware, opened_by, variables
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
-from train_ato.ros.standalone import discovery
+from train_ato.ros.standalone import discovery, runner
 
 WAYS = pytest.mark.parametrize(
     "way", [[], pytest.param(["--processes"], marks=pytest.mark.graph)], ids=["composed", "processes"]
@@ -266,8 +266,15 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     ends.awaited, ends.last_stamp, ends.node = lambda: "", -1, SimpleNamespace(count_publishers=lambda topic: 1)
     ends.serve = lambda kind, name, answer: setattr(ends, "answer", answer)
     discovery.answer_ready(ends, {})
-    beside = [ends.answer(SetBool.Request(data=data), SetBool.Response()).success for data in (False, True)]
-    assert beside == [False, True], "a run begins before the plant has found the recorder"
+    beside = ends.answer(SetBool.Request(), SetBool.Response())
+    assert beside.success, "a plant of another program waits for ever beside a recorder"
+    client.call_async = lambda _: SimpleNamespace(done=lambda: True, result=lambda: beside)
+    assert not any(found.complete() for _ in range(20)), "a run begins before the plant has found the recorder"
+    ends.senders = lambda topic: ("recorder",)
+    assert any(found.complete() for _ in range(20)), found.missing_peers()
+    recorder = SimpleNamespace(node=SimpleNamespace(recorder_heard=float(next(clock))))
+    connected = [runner.StandaloneRunner._recorder_connected(recorder) for _ in range(2)]
+    assert connected == [True, False], "a message of an ended recorder counts for ever"
     warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
 
 

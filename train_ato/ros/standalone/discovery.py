@@ -19,6 +19,8 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 REQUEST_EVERY_S = 0.3
 _STAMP = "; stamp "
 """Separator before the stamp of the last message of the node [ns], -1 before the first."""
+_RECORDED = "; a recorder is there"
+"""Part of the answer of a node that has found a recorder; the run would begin without it if the plant has not."""
 _AWAITS = "; awaits "
 """Separator before the topic for which the node waits."""
 _SCENARIO = "; scenario "
@@ -28,17 +30,13 @@ ANSWER_S = 2.0
 
 
 def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
-    """Offer the service ``~/ready``: true if all endpoints are connected, with ``data`` those of the recorder too.
-
-    Without ``data`` it is false beside a recorder: the plant would begin before the recorder receives anything.
-    """
+    """Offer the service ``~/ready``: true if all endpoints are connected, with ``data`` those of the recorder too."""
 
     def answer(request: Any, response: Any) -> Any:
         absent = endpoints.missing((Role.RECORDER,) if request.data else ())
-        if not request.data and endpoints.node.count_publishers("recorder/progress"):
-            absent.append("the plant, which has not found the recorder yet")
         response.success = not absent
         text = f"waits for {', '.join(absent)}" if absent else "all endpoints are connected"
+        text += _RECORDED if endpoints.node.count_publishers("recorder/progress") else ""
         awaits = f"{_AWAITS}{topic}" if (topic := endpoints.awaited()) else ""
         response.message = f"{text}{awaits}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
@@ -165,6 +163,8 @@ class Discovery:
                 if not theirs:
                     self.outside.add(role)
                 self._missing[role] = "" if answered.result().success else text.partition(_STAMP)[0]
+                if _RECORDED in text and not self.recorded:
+                    self._missing[role] = "has found a recorder, and the plant has not yet"
                 self._compare(role, theirs)
         elif self._clients[role].service_is_ready() and time.monotonic() - since > REQUEST_EVERY_S:
             # A server that has not discovered the client yet loses its answer, so requests are repeated.  An answer to
