@@ -7,7 +7,8 @@ becomes a smooth motion, and the parts of the own profile are not averaged. Beyo
 stays. The train is at most a few metres ahead of its own profile, also if the train ahead drives on. Near a stop of the
 own profile the deviation fades to 0, so that the train stops at its own place. If the train ahead reaches or leaves a
 stop late, the own profile does so too, and only what remains fades. A new profile begins at the present profile. Within
-the smoothing time it changes to the deviation of the new reports.
+the smoothing time it changes to the deviation of the new reports. After missing reports, where this would run back or
+be too fast, it follows the reports with a bounded speed and acceleration, or waits until they reach it.
 """
 
 from __future__ import annotations
@@ -40,6 +41,12 @@ STEP_CURVATURE = 10.0 / 3.0**0.5
 """Largest curvature of :func:`smooth_step` for a duration of 1."""
 RECOVERED = 0.25
 """Largest part of the time between two stops that the train recovers of a delay."""
+BACKWARDS = -0.05
+"""Lowest speed after missing reports [m/s]; the average before a stop makes it a little negative."""
+JOIN_LIMITS = (1.15, 2.5)
+"""Largest speed and acceleration after missing reports, as multiples of the largest ones of the own profile."""
+CHASE_LIMITS = (1.1, 1.5)
+"""The same on a way with bounded speed and acceleration; it exceeds its speed by a few mm/s."""
 
 
 class SmoothFunction(NamedTuple):
@@ -230,6 +237,8 @@ class HeadwayProfile:
         self._places: list[float] = []
         self._built_at = -np.inf
         self._due: int | None = None
+        self._missed = False
+        self._most = np.array((own.velocity.max(), np.abs(own.acceleration).max()))
 
     def _take(self, time: float, front: float) -> None:
         """Keep the place of a report, which counts one headway later, up to the middle of the fading at ``until``."""
@@ -244,6 +253,7 @@ class HeadwayProfile:
         due = self.next_due((stamp,))
         if due is None or due > stamp:
             return None
+        self._missed |= -np.inf < self._built_at < stamp * 1e-9 + self._smoothing
         self._due, self._built_at = None, self._times[-1]
         return self._built(stamp)
 
@@ -266,10 +276,7 @@ class HeadwayProfile:
         """Return the profile of the reports so far; None at its end."""
         own = self._own
         self._delayed.set_delays(np.array(self._times), np.array(self._places))
-        later = own.time.size + math.ceil(self._delayed.lasting / own.period) - self._time.size
-        if later > 0:
-            self._time = own.start + own.period * np.arange(float(self._time.size + later))
-            self._present = SmoothFunction(*(np.pad(part, (0, later), "edge") for part in self._present))
+        self._set_size(max(own.time.size + math.ceil(self._delayed.lasting / own.period), self._time.size))
         first = (stamp - own.start_ns) // own.period_ns + 1
         if first < 0 or first >= self._time.size - 2:
             return None
@@ -279,10 +286,42 @@ class HeadwayProfile:
         for part, found in zip(deviation, self._averaged(first), strict=True):
             part[ahead] = found
         wanted = profile.plus(deviation.times(fading_until(self._time, weight, self._spec)))
-        change = smooth_step(self._time - self._time[first], self._smoothing).times(wanted.minus(self._present))
-        self._present = self._present.plus(change)
+        self._present = self._joined(first, wanted)
         kept = slice(max(0, first - round(KEPT_TIME / own.period)), None)
         return Profile(self._time[kept], *(part[kept] for part in self._present))
+
+    def _set_size(self, knots: int) -> None:
+        """Set the number of knots of the present profile; new ones are at rest."""
+        if knots != self._time.size:
+            self._time = self._own.start + self._own.period * np.arange(float(knots))
+            self._present = _resized(self._present, knots)
+
+    def _joined(self, first: int, wanted: SmoothFunction) -> SmoothFunction:
+        """Return the present profile that changes to the wanted one from a knot on."""
+        joined = self._changed(self._present, first, wanted)
+        if not self._missed or self._permitted(joined, first):
+            return joined
+        before, smoothing = self._time.size, round(self._smoothing / self._own.period)
+        if not self._own.ends_rolling:
+            self._set_size(before + self._own.time.size)
+        chasing, wanted = np.array(self._present), _resized(wanted, self._time.size)
+        close = _chase(chasing, np.array(wanted), first, self._own.period, self._most * CHASE_LIMITS, smoothing)
+        chased = SmoothFunction(*chasing)
+        joined = self._changed(chased, close, wanted)
+        found = joined if self._permitted(joined, first) else chased
+        self._set_size(max(before, int(np.max(np.flatnonzero(found.rate > TURNING_SPEED), initial=0)) + 2))
+        return _resized(found, self._time.size)
+
+    def _changed(self, profile: SmoothFunction, first: int, wanted: SmoothFunction) -> SmoothFunction:
+        """Return a profile that is the wanted one from one smoothing time after a knot on."""
+        step = smooth_step(self._time - self._time[first], self._smoothing)
+        return profile.plus(step.times(wanted.minus(profile)))
+
+    def _permitted(self, profile: SmoothFunction, first: int) -> bool:
+        """Return True if a profile from a knot on is in its limits after missing reports."""
+        _, speed, acceleration = (part[first:] for part in profile)
+        fastest, strongest = self._most * JOIN_LIMITS
+        return bool(speed.min() >= BACKWARDS and speed.max() <= fastest and abs(acceleration).max() <= strongest)
 
     def _averaged(self, first: int) -> SmoothFunction:
         """Return the averaged deviation from a knot on; beyond the reports it stays."""
@@ -311,3 +350,48 @@ def _average(raw: Array, weights: Array, found: Array) -> None:
             for j in range(width):
                 total += weights[row, j] * raw[knot + width - 1 - j]
             found[row, knot] = total
+
+
+def _resized(profile: SmoothFunction, knots: int) -> SmoothFunction:
+    """Return a profile with a number of knots; new ones are as the last one."""
+    return SmoothFunction(*(np.pad(part, (0, max(0, knots - part.size)), "edge")[:knots] for part in profile))
+
+
+@compiled
+def _chase(profile: Array, wanted: Array, first: int, period: float, most: Array, near: int) -> int:
+    """Let a profile follow the wanted one from a knot on.
+
+    Both have place, speed and acceleration in rows. ``most`` has the largest speed and acceleration. Return the first
+    knot before which ``near`` knots are close to the wanted profile, else the last one.
+    """
+    place, speed, acceleration = profile[:, first]
+    last, close = profile.shape[1] - 1, 0
+    found = int(last)
+    stops = np.full(last + 1, np.inf if wanted[1, last] > TURNING_SPEED else wanted[0, last])
+    for knot in range(last - 1, first, -1):
+        stops[knot] = wanted[0, knot] if wanted[1, knot] <= TURNING_SPEED else stops[knot + 1]
+    parts = math.ceil(period / 0.05)
+    step = period / parts
+    for knot in range(first + 1, last + 1):
+        for part in range(parts):
+            there, ahead = wanted[:2, knot - 1] + part / parts * (wanted[:2, knot] - wanted[:2, knot - 1])
+            aim = min(max(ahead + _closing(there - place, most[1]), 0.0), most[0])
+            if stops[knot] > place:
+                aim = min(aim, _closing(stops[knot] - place, most[1]))
+            jerk = (min(max(1.5 * (aim - speed), -most[1]), most[1]) - acceleration) / max(step, 0.2)
+            place += step * (speed + step * (acceleration / 2.0 + step * jerk / 6.0))
+            speed += step * (acceleration + step * jerk / 2.0)
+            acceleration += step * jerk
+        profile[0, knot], profile[1, knot], profile[2, knot] = place, speed, acceleration
+        apart = max(abs(wanted[0, knot] - place), abs(wanted[1, knot] - speed))
+        close = close + 1 if apart <= 0.1 else 0
+        if close == near:
+            found = min(found, knot)
+    return found
+
+
+@compiled
+def _closing(distance: float, acceleration: float) -> float:
+    """Return the speed with which a distance [m] is reduced."""
+    far = abs(distance)
+    return math.copysign(min(0.3 * far, math.sqrt(0.5 * acceleration * far)), distance)
