@@ -237,7 +237,7 @@ class Collections:
         if element.ordered:
             return [Stretch(part, 0.0, lengths[part], same) for part, same in self.chain(name)]
         members = self.members(name)
-        for system in {system for member in members for system in self._elements[member].measures}:
+        for system in dict.fromkeys(s for member in members for s in self._elements[member].measures):
             spans = [self._elements[member].span(system) for member in members]
             if all(spans):
                 rising = self._rising(name, system)

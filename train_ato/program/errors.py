@@ -111,7 +111,7 @@ _KINDS: dict[str, tuple[Any, str]] = {
 
 def check_kinds(annotations: Mapping[str, Any], values: Mapping[str, Any]) -> None:
     """Refuse values by name that are not of the kinds of their annotations; entries of lists are not compared."""
-    for name in annotations.keys() & values.keys():
+    for name in (entry for entry in annotations if entry in values):
         text = str(getattr(annotations[name], "__name__", annotations[name]))
         text = re.sub(r"\[[^][]*(\[[^][]*\][^][]*)*\]|\b(\w+\.)+", "", text)
         kinds = re.findall(r"str \| Path|[^ |]+", text)

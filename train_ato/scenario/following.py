@@ -154,7 +154,7 @@ def find_following(name: str) -> Path | None:
 
 def _check_changes(changes: Mapping[str, Any], where: str, *, first: bool) -> None:
     """Refuse a change of a key that each train has from the file itself, or a leader that is none."""
-    for key in changes.keys() & OF_THE_FILE.keys():
+    for key in (name for name in changes if name in OF_THE_FILE):
         raise ValueError(f"{where}{key} = {changes[key]!r}: {OF_THE_FILE[key]}")
     leader = changes.get("leader")
     if leader is not None and first:
