@@ -124,19 +124,21 @@ def test_a_law_that_ignores_the_limits_keeps_the_bound_too():
     assert np.abs(np.diff(forces[:, 0])).max() <= 1.05 * largest
 
 
-def test_a_law_that_writes_into_its_limits_moves_no_limit_of_the_train():
-    """Breaks if the limits of the stack are those of the inputs, or speeds of other units are read from memory."""
+def test_a_law_that_writes_into_its_inputs_moves_no_limit_and_no_part_of_the_force():
+    """Breaks if limits or parts of the force are those of the inputs, or speeds of other units are read from memory."""
     of, along = lt.model(lt.SINGLE), lt.profile()
-    control = lt.stack(of, along=along)
+    control, given = lt.stack(of, along=along), []
 
     def writing(seen):
+        given[:] = seen.feedforward.copy(), seen.disturbance.copy()
         seen.force_max *= 10.0
+        seen.feedforward[:], seen.disturbance[:] = 1.0, 1.0
         return LawOutput(np.array([3e6]))
 
     control._make_law = lambda *_: SimpleNamespace(step=writing)
     control.swap("pid", {})
     forces, _ = run(control, of, along, 300)
-    assert forces.max() == 400e3
+    assert forces.max() == 400e3 and control.fed == tuple(given)
     with pytest.raises(ValueError, match="2 speeds for 1 power units; give one for each unit"):
         of.force_limits(np.zeros(2))
 

@@ -26,6 +26,8 @@ JOINING_TIME = 20.0
 """Time in which the speed error at a change of the law is removed, if there is time for it [s]."""
 JOINING_SPEED = 0.14
 """Largest speed error of this motion [m/s]: 0.5 km/h, the excess speed that the shipped scenarios permit."""
+MIDDLE_SPEED = 1.5
+"""Largest speed of the motion that removes a position error, in its middle, over position per time."""
 MAX_JOINING = 112.0
 """Longest time in which the position error is removed [s].
 
@@ -263,7 +265,7 @@ class JoinedReference:
         rests = np.flatnonzero(speeds == 0.0)
         self._until_place = 0.8 * float(rests[0]) if rests.size else MAX_JOINING
         self._begin, self._lasting, self._share = inputs.t, min(self._until_place, JOINING_TIME), share
-        largest = JOINING_SPEED * self._lasting / 1.5
+        largest = JOINING_SPEED * self._lasting / MIDDLE_SPEED
         self._place = np.clip(inputs.position - inputs.reference_position, -largest, largest)
         self._speed = np.clip(inputs.velocity - inputs.reference_velocity, -JOINING_SPEED, JOINING_SPEED)
 
@@ -301,7 +303,7 @@ class JoinedReference:
 
 def is_far(place: float, speed: float) -> bool:
     """Return True for errors of place [m] and speed [m/s] beyond those that the reference of a new law takes up."""
-    return abs(speed) > JOINING_SPEED or abs(place) > JOINING_SPEED * JOINING_TIME / 1.5
+    return abs(speed) > JOINING_SPEED or abs(place) > JOINING_SPEED * JOINING_TIME / MIDDLE_SPEED
 
 
 def lasting_force(commands: Array, nominal: Array) -> Array:
