@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from plant_sim.units import number_text
@@ -187,8 +189,11 @@ def _below(data: Any, keys: Sequence[str]) -> Any:
 def _fault(first: Mapping[str, Any], keys: Sequence[str], source: str | Path, models: set[type[BaseModel]]) -> str:
     """Return one error of pydantic as a line; ``models`` have the last key of its place."""
     place = ".".join(keys)
-    value = _SHORT.repr(first.get("input"))
-    if first["type"] == "extra_forbidden":
+    given = first.get("input")
+    value = _SHORT.repr(given)
+    if not isinstance(given, (str, int, float, list, tuple, dict, date, NoneType)):
+        text = "is an object of Python; write a text or a number, for a class module:Class as text"
+    elif first["type"] == "extra_forbidden":
         known = _keys_of(models)
         text = f"unknown key{close_match(str(first['loc'][-1]), known)}"
         if known and "; " not in text:

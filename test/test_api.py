@@ -209,7 +209,7 @@ def test_a_saved_run_with_a_law_of_its_own_is_verified_or_refused(own_module, tm
     lost = ta.run("demo", law=local()(0.2), set={"duration": 5}).save("lost")
     done = python("-m", "train_ato", "verify", str(lost), folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert "Same was defined in a script, a notebook or a function; move the class into a module" in done.stderr
+    assert "Same: a class of a script, a notebook or a function is in no module; move it into one" in done.stderr
     code = f"import train_ato as ta; run = ta.open_run({str(lost)!r}); print(len(run['ato/command']), run)"
     assert python("-c", code).stdout.startswith("50 <Run demo")
 
@@ -239,7 +239,9 @@ class NotKept(Gain):
         ({"law": NotKept()}, r"NotKept does not keep its parameter 'more'; set self\.more"),
         ({"law": Gain(gain=11.0)}, r"Gain\.gain: 11 is outside 0 \.\.\. 10 1/s"),
         ({"law": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
-        ({"law": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
+        ({"law": "__main__:Law"}, r"Law: a class of a script.* is in no module.*my_law\.py"),
+        ({"set": {"law": NotKept()}}, r"law = NotKept.*: is an object of Python; write a text or a number"),
+        ({"out": "a\0b"}, "^a name has a null character; remove it$"),
         ({"law": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
         (
             {"law": local()(), "mode": "processes"},
@@ -593,6 +595,8 @@ def test_every_error_is_of_one_tree(tmp_path: Path) -> None:
         lambda: ta.sweep([]),
         lambda: ta.convert(5, "a.yaml"),
         lambda: ta.check_law("pid", kpp=3),
+        lambda: ta.check_law(5),
+        lambda: run.save("a\0b"),
         lambda: ta.verify(tmp_path / "run", 1),
     ):
         with pytest.raises(ta.InputError) as caught:

@@ -318,6 +318,8 @@ def test_wrong_uses_are_refused_in_one_line():
     assert env.setup.ticks == 20
     env.reset()
     other.reset()
+    with one_line("force '5' is not a number per unit; give 1"):
+        env.step("5")
     for name in ("costs", "verdict", 1, ""):
         with pytest.raises(ValueError, match=f"{name!r} is (a name of info|no text)"):
             env.step(0.0, signals={name: 1.0})

@@ -566,6 +566,17 @@ def test_a_value_is_valid_with_the_others_of_its_point() -> None:
     check_values(spec, sweep_base(spec), design_points(spec))
 
 
+def test_gains_that_no_run_has_are_noted(capfd: pytest.CaptureFixture[str]) -> None:
+    """Breaks without the note on gains of another law, or if a law of the sweep has it."""
+    for law, over in (("pid", {}), ("pid", {"law": ["pid", "smc"]}), ("smc", {})):
+        spec = read_sweep(
+            {"scenario": "demo", "over": {"laws.smc.ks": [1.0], **over}, "set": {} if over else {"law": law}}
+        )
+        check_values(spec, sweep_base(spec), design_points(spec))
+    note = "over: laws.smc.ks: no run has the law smc, so its values change nothing; set law: smc"
+    assert capfd.readouterr().err.splitlines() == [f"note: sweep: {note}"]
+
+
 def test_a_file_beside_the_specification_comes_first(tmp_path: Path) -> None:
     """Breaks if a scenario file is sought in the current folder only."""
     (tmp_path / "own.yaml").write_text(choose_scenario("demo").with_(duration=20).yaml)

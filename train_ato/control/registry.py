@@ -344,8 +344,8 @@ def load_class(target: str) -> type:
         raise ValueError(f"'{target}' names a file; write {file.stem}:{attribute}{place}")
     if module_name == "__main__" or "<locals>" in attribute:
         raise ValueError(
-            f"{attribute.rpartition('.')[2]} was defined in a script, a notebook or a function; move the class into a "
-            "module of its own, for example my_law.py, and name it as my_law:MyLaw"
+            f"{attribute.rpartition('.')[2]}: a class of a script, a notebook or a function is in no module; move it "
+            "into one of its own, for example my_law.py, and name it as my_law:MyLaw"
         )
     try:
         module = _module(module_name)

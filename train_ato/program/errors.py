@@ -138,6 +138,8 @@ def refusing(function: _Function) -> _Function:
             raise
         except ValueError as error:
             raised_in = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)][-1]
+            if "embedded null" in str(error):
+                raise InputError("a name has a null character; remove it") from None
             if isinstance(error, Error) or raised_in.partition(".")[0] not in _OWN:
                 raise
             raise InputError(str(error)) from None

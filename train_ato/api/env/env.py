@@ -313,6 +313,8 @@ class Env(CallerForces):
         """Return the force of every unit [N] from that of a step."""
         try:
             force = np.array(given, dtype=np.float64)
+            if np.asarray(given).dtype.kind in "SU":
+                raise TypeError("text")
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"step: force {str(given)[:60]!r} is not a number per unit; give {self.n_units}") from None
         if force.shape == () and self.n_units == 1:

@@ -17,6 +17,7 @@ from train_ato.control.registry import (
     COMPENSATIONS,
     LAWS,
     OBSERVERS,
+    KeywordForm,
     Registry,
     in_contract_form,
     load_class,
@@ -115,6 +116,8 @@ def check_component(
     named: Any = target
     if isinstance(target, str):
         named = load_class(target) if {":", "."} & set(target) else KINDS[kind].registry.get(target)
+    elif not isinstance(target, (type, KeywordForm)):
+        raise ValueError(f"{kind} {target!r:.60}: is no class; give the class, for example MyLaw in place of MyLaw()")
     try:
         component = in_contract_form(named)
     except ValueError as error:

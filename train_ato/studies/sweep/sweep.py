@@ -8,6 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from plant_sim.formats.fields import print_assumption
 from train_ato.api.progress import Report, activity, share_bar
 from train_ato.api.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.api.series_folder import RowWriter
@@ -60,6 +61,20 @@ def check_values(spec: SweepSpec, base: SweepBase, points: list[Point]) -> None:
             refusals.append(f"{where}: {refusal}")
         if not accepted:
             raise ValueError(refusals[0])
+        _note_unused(dimension.key, choice, points, f"{spec.source}: over: {dimension.key}")
+
+
+def _note_unused(key: str, choice: ScenarioChoice, points: list[Point], where: str) -> None:
+    """Print a line on a varied parameter of a law, observer or compensation that no run has."""
+    block, _, rest = key.partition(".")
+    if (kind := block.removesuffix("s")) not in REGISTRIES or block == kind or not rest:
+        return
+    name, scenario = rest.partition(".")[0], choice.checked
+    used = {point.get(kind, getattr(scenario, kind)) for point in points}
+    if kind == "law":
+        used |= {law for change in scenario.law_changes for law in (change.law, *change.laws)}
+    if name not in used:
+        print_assumption(f"{where}: no run has the {kind} {name}, so its values change nothing; set {kind}: {name}")
 
 
 def _candidates(dimension: Dimension, points: list[Point]) -> Iterator[tuple[Any, tuple[Point, ...]]]:
