@@ -332,7 +332,7 @@ def test_the_wear_of_the_draft_gears_is_found(monkeypatch, variant, wear):
     monkeypatch.setattr(TrainIdentification, "step", kept)
     _metrics(f"{DAQIN}{variant}", 1000, law="mpc")
     (found,) = filters
-    deviation = found.deviations[WEAR]
+    deviation = math.sqrt(found._covariance[2 + WEAR, 2 + WEAR])
     assert deviation < 0.05 and abs(found.errors[WEAR] - wear) < 2.0 * deviation
 
 

@@ -142,10 +142,8 @@ class AssuranceMonitor:
 
     @property
     def reason(self) -> str:
-        """Speed, place and limit of the newest takeover; "" before the first."""
+        """Speed, place and limit of the newest takeover."""
         own = self.state[0]
-        if not own["takeovers"]:
-            return ""
         return (
             f"{KMH * own['reason_speed']:.1f} km/h at {own['reason_front']:.0f} m, predicted "
             f"{KMH * own['reason_predicted']:.1f} km/h, limit {KMH * own['reason_limit']:.1f} km/h"

@@ -215,9 +215,7 @@ def speed_errors(recording: Recording, rows: slice) -> Array:
 
 
 def position_errors(setup: RunSetup, recording: Recording, rows: slice) -> Array:
-    """Return position minus reference of every unit at ticks of a run [m], shape (k, u); (0, 1) without units."""
-    if not setup.layout.n_units:
-        return np.zeros((0, 1))
+    """Return position minus reference of every unit at ticks of a run [m], shape (k, u)."""
     return recording.position[rows] + setup.model.offsets - recording.reference_position[rows, None]
 
 

@@ -546,7 +546,7 @@ def _stops(run: EngagedRun) -> Iterator[TrackingFinding]:
 def _saturated(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the time at a force limit with a speed error that more force would reduce."""
     at_limit = time_at_force_limit(run.setup, run.recording)
-    if at_limit is None or not run.setup.layout.n_units:
+    if at_limit is None:
         return
     recording, limits = run.recording, run.limits
     row = np.minimum(np.searchsorted(recording.time, at_limit[0]), recording.time.size - 1)

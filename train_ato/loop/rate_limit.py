@@ -63,9 +63,7 @@ class SteadyRateLimit:
         self._origin = None
 
     def wait(self, ticks: int) -> float:
-        """Return the wait before the next tick after ``ticks`` ticks [s]."""
-        if self.factor <= 0:
-            return 0.0
+        """Return the wait before the next tick after ``ticks`` ticks [s], for a factor above 0."""
         now = time.monotonic()
         if self._origin is None:
             self._origin = (now, ticks)

@@ -228,11 +228,6 @@ LEGEND_WIDTH, LETTER, LEGEND_ROW, LEGEND_GAP = 1000.0, 6.2, 28, 3
 """Width of a legend, mean width of a letter, height of a row, gap between legend and frame [pixels]."""
 
 
-def number(digits: int) -> models.CustomJSHover:
-    """Return the number format of a tooltip; a dash without a value."""
-    return models.CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
-
-
 def time_formatter(*, hours: bool) -> models.CustomJSTickFormatter:
     """Return the time format of an axis, with decimals according to the tick distance."""
     code = """

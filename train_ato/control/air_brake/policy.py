@@ -291,8 +291,7 @@ def make_brake_policy(
             )
         return BlendedBrake(brake.charged, spec.blend, model)
     if spec.policy == "predictive":
-        if profile is None:
-            raise ValueError("brake.policy: predictive: needs the speed profile of a run; set another policy")
+        assert profile is not None
         if spec.deepest > brake.reduction[-1]:
             raise ValueError(
                 f"brake.predictive.reductions: {spec.deepest:g} Pa is deeper than the table of train "

@@ -145,11 +145,6 @@ class TrainIdentification:
         found = zip(self._state[2:].tolist(), BOUNDS, strict=True)
         return [min(max(error, -bound), bound) for error, bound in found]
 
-    @property
-    def deviations(self) -> list[float]:
-        """Standard deviations of the errors."""
-        return [math.sqrt(variance) for variance in np.diag(self._covariance)[2:].tolist()]
-
     def miss(self) -> None:
         """Restart the motion at the next sample; the errors are held."""
         self._before = None

@@ -38,13 +38,6 @@ class AvailableForce:
     traction_max: float = np.inf
     brake_max: float = np.inf
 
-    def __post_init__(self) -> None:
-        for name in ("traction", "brake", "traction_max", "brake_max"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(
-                    f"available force: {name} = {getattr(self, name)} must not be negative; give 0 or more"
-                )
-
 
 class TrainTables:
     """Forces of a whole train over its speed, and its masses along its length.

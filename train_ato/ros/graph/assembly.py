@@ -183,8 +183,7 @@ def make_node(
         return ObserverNode(setup, endpoints)
     if role is Role.CONTROLLER:
         return ControllerNode(ControllerStage(setup), endpoints)
-    if folder is None:
-        raise ValueError("the recorder needs a folder; give --out DIR")
+    assert folder is not None
     return _make_recorder(setup, endpoints, folder, options.compression)
 
 

@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Rate, Role, topics_of
@@ -47,11 +46,8 @@ def run_processes(
     Raises
     ------
     ValueError
-        If the log cannot be created, or ROS 2 does not load.
+        If ROS 2 does not load.
     """
-    for taken in (LOG, PARTIAL):
-        if (folder / taken).exists():
-            raise ValueError(f"{folder / taken}: exists already; name another output folder")
     start = _starter(setup, folder, domain, options)
     with interruptible() as interrupt:
         nodes: dict[Role, NodeProcess] = {}

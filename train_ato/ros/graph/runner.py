@@ -94,8 +94,6 @@ def _run(
         from train_ato.ros.graph.processes import run_processes
 
         return run_processes(setup, folder, domain, options, report)
-    if mode not in ("composed", "processes"):
-        raise ValueError(f"mode '{mode}' does not exist; choose composed or processes")
     with applied(variables(domain, folder / "log")):
         from train_ato.ros.graph.composed import run_composed
         from train_ato.ros.graph.processes import run_beside_plant
