@@ -342,3 +342,19 @@ def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> 
     errors = [line for line in err.splitlines() if line.strip() and not line.startswith(notes)]
     assert errors == ["train-ato: --out out: was removed during the run; nothing is recorded"]
     assert not list((tmp_path / "out").glob("**/run.mcap"))
+
+
+@pytest.mark.parametrize("mode", ["--engine", "--composed"])
+def test_a_log_removed_during_the_run_leaves_no_empty_one(mode: str, tmp_path: Path) -> None:
+    """Breaks if the message names a place to write to, or a log or bag without messages is beside the failure."""
+    if mode != "--engine":
+        pytest.importorskip("rclpy")
+    options = [] if mode == "--composed" else [mode]
+    process = begun("run", "demo", *options, "--rate=20", "--set=duration=60", "--out=out", cwd=tmp_path)
+    partial = tmp_path / "out" / "run.mcap.partial"
+    wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
+    partial.unlink()
+    _, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 1
+    assert err.endswith("out/run.mcap.partial: was removed during the run; nothing is recorded\n")
+    assert not {"run.mcap", "metadata.yaml"} & {path.name for path in (tmp_path / "out").glob("*")}

@@ -139,6 +139,10 @@ def test_own_values_of_a_failed_run_have_a_line_after_it(
         assert result._doubted(setup, ended | {key: other}) == {}
     assert main(["run", "xuzhou_metro:disturbed", "--engine", f"--out={tmp_path / 'shipped'}"]) == 0
     assert "integral_limit given" not in capsys.readouterr().err, "the scenario states the cause"
+    shipped = setup_of("xuzhou_metro:disturbed")
+    assert result._doubted(shipped, ended | {"controller": "pid"}) == {}, "also in the summary and in compare"
+    assert "integral_limit given" in result._doubted(setup_of("xuzhou_metro:disturbed", "duration=300"),
+                                                     ended | {"controller": "pid"})["advice"]  # fmt: skip
     own = ("law=funnel", "laws.funnel.bias_rate=100", "faults=[{at: 1, do: stop, node: observer}]")
     assert result._doubted(setup_of("xuzhou_metro", *own), ended) == {}
 

@@ -547,6 +547,10 @@ def test_curves_model_and_measured_run_have_the_limits_of_the_category_of_the_tr
         ("plan {line} {train} --time 9", "between km 16+800 and km 12+000"),
         ("list {mile} --units us", "from mi 10 to mi 13"),
         ("list {mile} --units us", "40 ... 60 mph"),
+        (
+            "convert {mile} {line}.railml",
+            "two overlap at 18507.5 m, and railML has one at a place; write train_ato YAML",
+        ),
         ("list {line}:reverse", "from km 11+850 to km 17+000"),
         ("list xuzhou_metro_test:reverse", "-0.9 m at its end"),
         ("list {table}", "from km 0 to km 1.609344"),
@@ -560,7 +564,9 @@ def test_commands_show_places_and_limits_as_the_line_has_them(command, shown, tm
     block = f"plant: {{consist: {TRAIN}, line: {POSTS}}}, profile: {{plan: {{}}}}"
     files["scenario"].write_text(f"{{schema: train_ato/scenario/1, name: s, duration: 9, {block}}}")
     limits = "[{at_mi: 10, speed_mph: 40}, {at_mi: 11, speed_mph: 60}]"
-    files["mile"].write_text(f"{{schema: train_ato/line/1, name: m, begin_mi: 10, end_mi: 13, speed_limits: {limits}}}")
+    bends = "[{begin_mi: 11, end_mi: 12, radius: 900}, {begin_mi: 11.5, end_mi: 12, radius: 900}]"
+    places = f"begin_mi: 10, end_mi: 13, speed_limits: {limits}, curves: {bends}"
+    files["mile"].write_text(f"{{schema: train_ato/line/1, name: m, {places}}}")
     main(command.format(**files).split())
     assert shown in "".join(capsys.readouterr())
 

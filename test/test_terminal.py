@@ -24,7 +24,7 @@ from plant_sim.units import number_text
 from train_ato.api.compare import compare
 from train_ato.cli.list import catalogue
 from train_ato.cli.main import COMMANDS, MODULES, WITHOUT_JSON, main
-from train_ato.cli.screen import kept_for_result, print_json, print_names, print_table
+from train_ato.cli.screen import kept_for_result, kilometre_cell, print_json, print_names, print_table
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
 from train_ato.judge.metric_names import PROTECTION, RESULTS, format_value, metric_heading
@@ -412,6 +412,7 @@ def test_keys_and_headings_name_the_unit_of_their_numbers():
     table = (("metric", "value", "km"), [("speed, rms in km/h", 8.04672, "1.609"), ("ticks", 7, None)])
     assert shown_data(data) == data
     assert shown_table(*table) == ([*table[0]], [[*row] for row in table[1]])
+    assert shown_table(("stop, km",), [[kilometre_cell(1.609344)]]) == (["stop, km"], [["1.609"]])
     with displayed_in("us"):
         found = shown_data(data)
         assert list(found) == ["speed_max_mph", "stops", "rate_lbf_per_s", "metric", "value", "limit",
@@ -422,6 +423,7 @@ def test_keys_and_headings_name_the_unit_of_their_numbers():
         heads, rows = shown_table(*table)
         assert heads == ["metric", "value", "mi"] and rows[1] == ["ticks", 7, None]
         assert rows[0] == ["speed, rms in mph", pytest.approx(5.0), "0.9998"]
+        assert shown_table(("stop, km",), [[kilometre_cell(1.609344)]]) == (["stop, mi"], [["1"]])
         assert axis_title("coupler") == "coupler force in lbf (draft > 0)" and style_of("pipe").unit == "psi"
     with displayed_in("metric"):
         assert shown_data({"speed_m_s": 10.0, "force_n": 2e3}) == {"speed_kmh": 36.0, "force_kn": 2.0}

@@ -65,7 +65,7 @@ def line_railml(line: Line) -> tuple[str, tuple[str, ...]]:
 
     Overlapping curves are refused, because railML has one at a place.
     """
-    refuse_overlap(line)
+    refuse_overlap(line, "railML")
     root, length = _root(), line.end - line.begin
     steps = {"": line.speed_limits, **{row.category: row.speed_limits for row in line.category_limits}}
     profiles = {row.category: f"profile_{number}" for number, row in enumerate(line.category_limits)}

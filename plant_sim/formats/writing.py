@@ -44,11 +44,14 @@ def lost_keys(line: Line, carried: Collection[str]) -> list[str]:
     return found + ([] if "begin" in carried or not line.begin else [f"begin = {line.begin:g} m (now 0)"])
 
 
-def refuse_overlap(line: Line) -> None:
+def refuse_overlap(line: Line, form: str) -> None:
     """Refuse overlapping curves, of which most formats have one at a place."""
     for one, other in pairwise(sorted(line.curves, key=lambda curve: curve.begin)):
         if other.begin < one.end:
-            raise ValueError(f"line '{line.name}': curves: two overlap at {other.begin:g} m; correct them")
+            raise ValueError(
+                f"line '{line.name}': curves: two overlap at {other.begin:g} m, and {form} has one at a place; write "
+                "train_ato YAML, or give one curve with the radius of both"
+            )
 
 
 LAYOUT = "TTOBench v1.5"
@@ -91,7 +94,7 @@ def ttobench_json(line: Line) -> tuple[str, tuple[str, ...]]:
         del data["gradients"]
     if line.curves:
         radius = {"radius at start": "m", "radius at end": "m"}
-        data["curvatures"] = {"units": {"position": "m", **radius}, "values": _curvatures(line)}
+        data["curvatures"] = {"units": {"position": "m", **radius}, "values": _curvatures(line, "TTOBench")}
     sections = [entry for entry in line.tunnels if entry.cross_section is not None]
     if sections:
         rows = [[entry.begin - line.begin, entry.end - entry.begin, entry.cross_section] for entry in sections]
@@ -116,9 +119,9 @@ def _steps(line: Line, entries: list[tuple[float, float]], quantity: str, unit: 
     return {"units": {"position": "m", quantity: unit}, "values": rows}
 
 
-def _curvatures(line: Line) -> list[list[Any]]:
+def _curvatures(line: Line, form: str) -> list[list[Any]]:
     """Return position and radius of every piece, > 0 to the right; straight track between the curves."""
-    refuse_overlap(line)
+    refuse_overlap(line, form)
     rows: list[list[Any]] = []
     at = line.begin
     for curve in sorted(line.curves, key=lambda curve: curve.begin):

@@ -339,6 +339,8 @@ def _unwritten(folder: RunFolder, option: str, error: OSError) -> RunFailed | Va
     """Discard a folder without a record; return the error of its removal during the run, or of a failed write."""
     removed = folder.begun and not (folder.path / SCENARIO).exists()
     folder.discard()
+    if not removed and "was removed" in str(error):  # the log alone
+        return RunFailed(error)
     if removed:
         return RunFailed(f"{option} {folder.path}: was removed during the run; nothing is recorded")
     return ValueError(f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder")

@@ -141,7 +141,7 @@ class RunRecord:
         """Return the run folder with its log."""
         if self.lasting is not None and not self.lasting.is_dir():
             raise ValueError(f"{self.lasting}: is no longer there; open its present place with open_run()")
-        if not self.folder().recorded:
+        if not self.folder().recorded and (self._messages or self.lasting is None):
             self.begin_log()
             self.close_log()
         return self.folder()

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.units import number_text
-from train_ato.cli.screen import print_json, print_table
+from train_ato.cli.screen import kilometre_cell, print_json, print_table
 from train_ato.program.arguments import Options
 
 if TYPE_CHECKING:
@@ -177,10 +177,10 @@ def _criterion(row: dict[str, Any]) -> str:
     return f"{name}{row['formula']}{' in ' if row['unit'] else ''}{row['unit']}"
 
 
-def _place(row: dict[str, Any]) -> tuple[str | None, str | None]:
-    """Return time [s] and place [km] of the worst value of a criterion as texts."""
+def _place(row: dict[str, Any]) -> tuple[str | None, Any]:
+    """Return the cells of time [s] and place [km] of the worst value of a criterion."""
     at_s, km = row.get("at_s"), row.get("km")
-    return None if at_s is None else f"{at_s:.1f}", None if km is None else row.get("post") or f"{km:.3f}"
+    return None if at_s is None else f"{at_s:.1f}", None if km is None else row.get("post") or kilometre_cell(km)
 
 
 def _as_json(found: Overview) -> dict[str, Any]:

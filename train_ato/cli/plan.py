@@ -144,11 +144,11 @@ def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consis
 
 def _print_trip(result: dict[str, Any]) -> None:
     """Print the applications of the air brake of a trip plan."""
-    from train_ato.cli.screen import print_table
+    from train_ato.cli.screen import kilometre_cell, print_table
 
     if result["applications"]:
         entries = (
-            [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"], e["supply"]]
+            [kilometre_cell(e["apply_km"]), kilometre_cell(e["release_km"]), e["reduction_kpa"], e["supply"]]
             for e in result["applications"]
         )
         print_table(("apply, km", "release, km", "reduction, kPa", "reservoirs"), entries)
@@ -263,9 +263,11 @@ def _print_plan(result: dict[str, Any]) -> None:
         print_table(("neutral section, km", *names.values()), sections)
 
 
-def _km(row: dict[str, Any]) -> str:
-    """Return the post of a place, without one its kilometre."""
-    return str(row.get("post") or f"{row['place_m'] / 1e3:.3f}")
+def _km(row: dict[str, Any]) -> Any:
+    """Return the cell of the post of a place, without one of its kilometre."""
+    from train_ato.cli.screen import kilometre_cell
+
+    return row.get("post") or kilometre_cell(row["place_m"] / 1e3)
 
 
 def _cell(value: float | str) -> str:

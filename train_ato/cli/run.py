@@ -212,10 +212,7 @@ def expected_verdict(options: argparse.Namespace) -> Expectation | None:
 
 
 def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: Expectation | None, said: str) -> None:
-    """Print result, failure and advice that was not ``said`` at the begin of a run, before its figure is drawn.
-
-    The verdict of a scenario that states its own has its cause there, not in the gains.
-    """
+    """Print result, failure and advice that was not ``said`` at the begin of a run, before its figure is drawn."""
     if expected is None and (advice := run.metrics.get("advice", said)) != said:
         sys.stderr.write(f"train-ato: {advice}\n")
     print_run(run, as_json=as_json, failure="" if failure is None else str(failure), expected=expected)

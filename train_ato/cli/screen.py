@@ -117,6 +117,11 @@ def print_table(
     _print(result, title)
 
 
+def kilometre_cell(km: float) -> tuple[str, float]:
+    """Return the cell of a table for a place [km], to the metre."""
+    return f"{km:.3f}", km
+
+
 def _print(table: Table, title: str) -> None:
     """Print a title and a table: as wide as the terminal, or as wide as the table off a terminal."""
     from rich.text import Text

@@ -31,6 +31,7 @@ from train_ato.judge.verdict import is_tracked, judge_run
 from train_ato.messages.types import Array, AtoState
 from train_ato.program.version import VERSION
 from train_ato.scenario.changes import RunChanges
+from train_ato.scenario.scenario import states_verdict
 from train_ato.scenario.setup import RunSetup
 
 
@@ -242,6 +243,8 @@ def _doubted(setup: RunSetup, summary: Mapping[str, Any]) -> dict[str, str]:
     if "advice" in summary or not whole or (tracked and summary.get("verdict") != "failed"):
         return {}
     if summary["changes"] or setup.scenario.faults:  # such as an emergency brake, a request, or another law
+        return {}
+    if states_verdict(setup.scenario):  # the cause is in its text
         return {}
     text = doubt(name, setup.gains(name), "failed" if tracked else f"ended as '{summary['tracking']}'")
     return {"advice": text} if text else {}

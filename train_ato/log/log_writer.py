@@ -149,6 +149,7 @@ class LogFile(ChunkThread):
             self.guard(self._finish)
 
     def _finish(self) -> None:
+        self._partial.stat()  # not there: it was removed, and a bag without it has no metadata
         pairs = zip(self._channels, self._writer.counts, strict=True)
         channels = [bag.ChannelCount(*channel, count) for channel, count in pairs]
         span = self._writer.span if any(self._writer.counts) else (bag.NEVER, bag.NEVER)

@@ -131,7 +131,8 @@ def shown_table(
 ) -> tuple[list[str], list[list[Any]]]:
     """Return headings and rows of a table in the units of display.
 
-    A cell has the unit of its column, else that of the first cell of its row.
+    A cell has the unit of its column, else that of the first cell of its row. One of a text and the number behind it
+    is converted from the number, with the digits of the text.
 
     Parameters
     ----------
@@ -150,6 +151,9 @@ def shown_table(
 
 
 def _shown_cell(cell: Any, symbol: str) -> Any:
+    if isinstance(cell, tuple):
+        text, value = cell
+        return shown_value(value, text, symbol)
     if not isinstance(cell, str):
         return shown_data(cell, symbol)
     return (

@@ -242,6 +242,16 @@ def expectation_of(name: str) -> Expectation | None:
     return _expectation_in(path, with_base(path), variant)
 
 
+def states_verdict(scenario: Scenario) -> bool:
+    """Return True for an unchanged shipped scenario with an expected verdict; a run has its start with a place."""
+    try:
+        expected, (shipped, _) = expectation_of(scenario.name), load_scenario(scenario.name)
+    except ValueError:
+        return False
+    plant = shipped.plant.model_copy(update={"start": scenario.plant.start})
+    return expected is not None and shipped.model_copy(update={"plant": plant}) == scenario
+
+
 def _expectation_in(path: Path, data: Mapping[str, Any], variant: str | None) -> Expectation | None:
     """Return the checked block ``expect`` of a scenario, or of its variant: each states its own."""
     block = data if variant is None else (data.get("variants") or {}).get(variant) or {}
