@@ -573,9 +573,12 @@ def test_a_profile_begins_in_motion() -> None:
 
 def test_a_failed_run_begins_with_its_first_reason(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the text of a failed run begins with a figure that did not fail, or a reason is left out."""
-    trains = [{"name": "t1", "tracking": "tracked"}]
+    advice = "pid: late; try --compensation preview --set laws.pid.kp=1"
+    trains = [{"name": "t1", "tracking": "tracked"}, {"name": "t2", "advice": advice}]
     for broken in ([], ["t2: gap 3.0 m, at least 20 m", "t2: verdict of its run: failed: speed error"]):
         summary = {"verdict": "failed" if broken else "passed", "contacts": 0, "broken": broken, "trains": trains}
         print_following({**summary, "following": "f"}, Path("f"), as_json=False)
         head = ": ".join([summary["verdict"], "\n  ".join([*broken, "0 contacts"])])
-        assert capsys.readouterr().out.startswith(f"{head}\n")
+        shown = capsys.readouterr()
+        assert shown.out.startswith(f"{head}\n")
+        assert shown.err == "train-ato: t2: pid: late; try --set t2.compensation=preview --set t2.laws.pid.kp=1\n"

@@ -426,16 +426,17 @@ def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> No
     pytest.importorskip("rclpy")
     from train_ato.ros.nodes import answer_watch
 
-    clock = [0]
+    clock, ahead = [0], [7]
     monkeypatch.setattr(answer_watch.time, "monotonic_ns", lambda: clock[0])
-    monkeypatch.setattr(answer_watch.time, "time_ns", lambda: clock[0] + 7)
+    monkeypatch.setattr(answer_watch.time, "time_ns", lambda: clock[0] + ahead[0])
     lateness = answer_watch.TickLateness()
     assert lateness.report() == {}
     for step in [0, *[10] * 10, 38]:
         clock[0] += step * 1_000_000
         lateness.begin(0.01)
+        ahead[0] = 10**12 + 7  # the wall clock is set
     found = lateness.report()
-    assert found["wall_tick_begin_ns"] == "7"
+    assert found["wall_tick_begin_ns"] == str(ahead[0])
     assert found["wall_tick_steps_us"].split() == [*["10000"] * 10, "38000"]
     assert (found["wall_ticks_late"], found["wall_lateness_max_s"]) == ("1", "0.028000")
     assert found["wall_behind_share"] == f"{28 / 138:.6f}"

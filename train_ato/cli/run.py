@@ -187,10 +187,15 @@ FOLLOWING_ROWS = (
 
 
 def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
-    """Print the verdict with the broken requirements, and a column of figures for every train."""
+    """Print the verdict with the broken requirements, and a column of figures for every train, advice on stderr."""
     from train_ato.cli.screen import print_json, print_table
     from train_ato.judge.metric_names import metric_heading
 
+    for train in summary["trains"]:
+        name, advice = train["name"], train.get("advice")
+        if advice:
+            advice = advice.replace("--compensation ", "--set compensation=").replace("--set ", f"--set {name}.")
+            sys.stderr.write(f"train-ato: {name}: {advice}\n")
     if as_json:
         print_json({**summary, "run": str(out)})
         return

@@ -142,7 +142,7 @@ class TickLateness:
             self._lateness.append(step - period)
             self.late += step > LATE * period
         self._last = now
-        self._unreported.append(time.time_ns())
+        self._unreported.append(now)
 
     def restart(self) -> None:
         """Begin again after a pause or a change of the rate, which is no lateness."""
@@ -157,7 +157,7 @@ class TickLateness:
         found = {}
         if self._unreported:
             begins, self._unreported = np.array(self._unreported), []
-            found["wall_tick_begin_ns"] = str(begins[0])
+            found["wall_tick_begin_ns"] = str(begins[0] + time.time_ns() - time.monotonic_ns())
             found["wall_tick_steps_us"] = " ".join(str(step) for step in np.diff(begins) // 1000)
         if self._lateness:
             lateness = np.array(self._lateness)
