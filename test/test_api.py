@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import types
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -467,7 +468,10 @@ def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path, monk
     if held == "in a temporary folder":
         assert "train/measurement" in run
     sent, command = pickle.dumps(run), run["ato/command"]
-    del run  # with its temporary folder
+    with warnings.catch_warnings(record=True) as noted:
+        warnings.simplefilter("always", ResourceWarning)
+        del run  # with its temporary folder
+    assert noted == []
     monkeypatch.chdir("/")
     same = pickle.loads(sent)
     assert same["ato/command"].equals(command) and same.plot().axes

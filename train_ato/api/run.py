@@ -59,6 +59,10 @@ class RunRecord:
         if folder is not None:
             folder.begin(setup)
 
+    def __del__(self) -> None:
+        if self.__dict__.get("_scratch") is not None:
+            self._scratch.cleanup()  # type: ignore[union-attr]  # before its own end, which warns
+
     @property
     def lasting(self) -> Path | None:
         """Path of the run folder; None for a temporary one."""
