@@ -383,6 +383,8 @@ def test_a_scenario_is_changed_without_changing_it():
     assert "laws" not in yaml.safe_load(demo.yaml)
     assert "ideal" in ta.scenario("daqin_heavy_haul").variants
     assert ta.scenario("daqin_heavy_haul:ideal").name == "daqin_heavy_haul:ideal"
+    changes = {"interventions": [{"do": "delay_jump", "at": 9.0, "add": 1.0}], "interventions.0.at": 2.0}
+    assert demo.with_(changes).checked.interventions[0].at == 2.0 and changes["interventions"][0]["at"] == 9.0
     with pytest.raises(ValueError, match=r"set seed=x: seed = 'x'"):
         demo.with_(seed="x")
 

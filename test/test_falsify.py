@@ -221,7 +221,7 @@ def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:
         (SLOW, {"law": ["smc", "funnel"]}, "the list lacks 'pid', the value of the scenario; add it"),
         (SLOW, {"law": {"from": 1, "to": 2}}, "'pid' of the scenario is no number"),
         (SLOW, {"plant.adhesion.factor": [1, 2]}, "the scenario has no value; add its nominal value"),
-        (SLOW, {"interventions.3.at": [1, 2]}, "'3' is no entry of a list of 0"),
+        (SLOW, {"interventions.3.at": [1, 2]}, "'3' is no entry of a list of 0; add an entry"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_one_line(requirement: str, over: dict, message: str) -> None:

@@ -148,7 +148,7 @@ def test_phases_continue_a_file_that_ends_rolling(tmp_path: Path) -> None:
     block = {"file": "rolling.csv", "limits": {"deceleration": 0.5, "jerk": 0.5}, "append": [{"brake_to": 0}]}
     profile = ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, folder=tmp_path)
     assert profile.position[-1] == pytest.approx(100 + 5 * (20 + 1), abs=1e-6)
-    with pytest.raises(ValueError, match=r"ends rolling at 36\.0 km/h"):
+    with pytest.raises(ValueError, match=r"ends rolling at 36\.0 km/h .* or set profile\.allow_rolling_end: true"):
         ProfileSpec.model_validate({"file": "rolling.csv"}).build(CONSIST, LINE, 0.1, folder=tmp_path)
 
 
@@ -209,6 +209,13 @@ def test_random_bytes_are_a_profile_or_one_line(tmp_path_factory: pytest.TempPat
         except ValueError as error:
             assert "\n" not in str(error) and path.name in str(error)
         path.unlink()
+
+
+def test_a_grid_of_a_file_is_of_finite_seconds(tmp_path: Path) -> None:
+    for grid in (".nan", "1.0e+300", "true", "1.0e-12", "1, start: .inf"):
+        (tmp_path / "p.yaml").write_text(f"{{schema: train_ato/profile/1, speed: [0, 1, 0], period: {grid}}}")
+        with pytest.raises(ValueError, match=r"p\.yaml: period, start: .* give seconds"):
+            read_profile(tmp_path / "p.yaml")
 
 
 def constant_jerk(period: float = 0.1, count: int = 101, jerk: float = 0.05) -> Profile:

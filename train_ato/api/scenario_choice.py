@@ -210,7 +210,11 @@ def choose_scenario(name: GivenScenario) -> ScenarioChoice:
 
 
 def plain(value: Any) -> Any:
-    """Return numbers and arrays of numpy as Python numbers and lists."""
+    """Return a copy with numbers and arrays of numpy as Python numbers and lists."""
+    if isinstance(value, dict):
+        return {key: plain(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [plain(entry) for entry in value]
     convert = getattr(value, "tolist", None)
     return convert() if convert is not None else value
 

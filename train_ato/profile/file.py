@@ -13,7 +13,7 @@ from plant_sim.data_text import parse_yaml
 from plant_sim.si_model import SiModel
 from plant_sim.units import Place, Speed, Time
 from train_ato.messages.types import Array
-from train_ato.profile.profile import Profile, hermite, knot_count
+from train_ato.profile.profile import MAX_TIME, Profile, hermite, knot_count
 from train_ato.program.errors import refused_unwritten
 
 SCHEMA = "train_ato/profile/1"
@@ -100,8 +100,8 @@ def _parse_yaml(text: str, period: float | None) -> Profile:
         name = next(name for name in data if name not in columns)
         raise ValueError(f"{name}: unknown key or not a list of numbers; use start, period, {', '.join(UNITS)}")
     if own is not None:
-        if not isinstance(own, (int, float)) or not isinstance(start, (int, float)) or own <= 0:
-            raise ValueError(f"period, start: '{own}', '{start}' are not valid; give seconds, period > 0")
+        if not all(type(each) in (int, float) and abs(each) <= MAX_TIME for each in (own, start)) or own < 1e-9:
+            raise ValueError(f"period, start: '{own}', '{start}' are not valid; give seconds, period at least 1e-9")
         length = len(next(iter(columns.values()), []))
         columns["time"] = [(round(start * 1e9) + round(own * 1e9) * k) * 1e-9 for k in range(length)]
     return _assemble(columns, period)

@@ -302,7 +302,9 @@ class Profile:
         """
         first = (round(t * 1e9) - self.start_ns) // self.period_ns
         if not 0 <= first < self._count - 1:
-            raise ValueError(f"since {t:g} s: the profile has times from {self.start:g} to {self.end:g} s; correct it")
+            raise ValueError(
+                f"profile.since = {t:g} s: the profile has times from {self.start:g} to {self.end:g} s; correct it"
+            )
         rest = slice(first, None)
         time = self.time[: self._count - first]
         return Profile(time, self.position[rest], self.velocity[rest], self.acceleration[rest])

@@ -129,7 +129,7 @@ class ProfileSpec(SiModel):
             speed = 3.6 * float(profile.velocity[-1])
             raise ValueError(
                 f"the profile ends rolling at {speed:.1f} km/h after {profile.end:.1f} s; let it end at rest "
-                "(append: [{brake_to: 0}]) or set allow_rolling_end: true"
+                "(profile.append: [{brake_to: 0}]) or set profile.allow_rolling_end: true"
             )
         check_on_line(profile, consist, line)
         return profile

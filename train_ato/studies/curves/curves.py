@@ -1,7 +1,6 @@
 """Braking curves and supervision limits of the cases of a file, or of the train of a scenario on its line."""
 
 from collections.abc import Callable, Mapping
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -257,6 +256,11 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
     if fastest is not None and not 0 < fastest <= MAX_SPEED_KMH:
         option = option_name("max_speed_kmh", dash)
         raise ValueError(f"{option} {fastest:g}: out of range; give a speed up to {MAX_SPEED_KMH:g} km/h")
+    acceleration, distance = given.get("acceleration") or 0.0, given.get("balise_m")
+    if not abs(acceleration) <= 5.0:
+        raise ValueError(f"{dash}acceleration {acceleration:g}: out of range; give -5 to 5 m/s²")
+    if distance is not None and not 0 <= distance <= 1e5:
+        raise ValueError(f"{option_name('balise_m', dash)} {distance:g}: out of range; give 0 to 100000 m")
     shown = line.post_at(at) if line.chainage else f"{at / 1e3:g}"
     name = f"{consist.name} on {line.name}, end of authority at km {shown}"
     try:
@@ -267,7 +271,10 @@ def _of_scenario(case: GivenScenario, given: Mapping[str, Any], dash: str) -> di
         top = round(supervision.train.max_speed * KMH / TABLE_STEP_KMH, 6)
         speeds = [TABLE_STEP_KMH * i for i in range(int(top) + 1)]
         names = [*LINE_CURVES, *(("SBD", "SBI1") if end.sbd is not None else ())]
-        found = tabulate(end, _motion(given, supervision.train.max_speed, dash), dict.fromkeys(names, speeds))
+        motion = MotionEstimate(acceleration)
+        if distance is not None:
+            motion = motion_estimate(supervision.train.max_speed, acceleration, distance)
+        found = tabulate(end, motion, dict.fromkeys(names, speeds))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     if scenario.supervision.enabled is not False:
@@ -285,18 +292,6 @@ def _refuse_case_file(path: Path) -> None:
             begin = file.read(2**16)
         if begin.lstrip().startswith("{") and "schema" not in begin:
             raise ValueError(f"{path}: begins with '{{': cases need a name ending in .json; rename the file")
-
-
-def _motion(given: Mapping[str, Any], speed: float, dash: str) -> MotionEstimate:
-    """Return the motion estimate of the options, with the speed error at a speed [m/s]."""
-    acceleration, distance = given.get("acceleration") or 0.0, given.get("balise_m")
-    if not abs(acceleration) <= 5.0:
-        raise ValueError(f"{dash}acceleration {acceleration:g}: out of range; give -5 to 5 m/s²")
-    if distance is None:
-        return MotionEstimate(acceleration)
-    if not (isfinite(distance) and 0 <= distance <= 1e5):
-        raise ValueError(f"{option_name('balise_m', dash)} {distance:g}: out of range; give 0 to 100000 m")
-    return motion_estimate(speed, acceleration, distance)
 
 
 def _train_data(supervision: TrackSupervision) -> dict[str, Any]:

@@ -142,7 +142,8 @@ def _below(found: Any, part: str, place: str) -> Any:
     """Return an entry of a model, a mapping or a list; None for a missing value."""
     if isinstance(found, (list, tuple)):
         if not part.isdigit() or int(part) >= len(found):
-            raise ValueError(f"{place}: '{part}' is no entry of a list of {len(found)}; use 0 to {len(found) - 1}")
+            remedy = f"use 0 to {len(found) - 1}" if found else "add an entry to the scenario"
+            raise ValueError(f"{place}: '{part}' is no entry of a list of {len(found)}; {remedy}")
         return found[int(part)]
     if isinstance(found, Mapping):
         return found.get(part)
