@@ -36,7 +36,7 @@ from train_ato.messages.cdr import layout_of, typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import SUPERVISED, Owner
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, FORMER, TOPICS
-from train_ato.messages.types import Diagnostic, Trajectory
+from train_ato.messages.types import AtoReport, Diagnostic, Trajectory
 from train_ato.messages.variable_codec import message_key
 
 BLOCKS = {
@@ -438,7 +438,7 @@ def test_a_table_in_parts_is_the_same_table(run, tmp_path, monkeypatch, capsys, 
     assert_parts_are_the_tables(tmp_path / "robot.mcap", tmp_path / "others", monkeypatch, capsys, size)
 
 
-def test_parts_with_other_columns_and_late_diagnostics_are_the_same_table(tmp_path, monkeypatch, capsys):
+def test_parts_with_other_columns_and_late_messages_are_the_same_table(tmp_path, monkeypatch, capsys):
     """Breaks if a key that is a text once becomes numbers, keeps the form of its part, or a late message its place."""
     setup = setup_of("demo", "duration=1")
     told = [(0, {"a": "1", "b": "2"}), (40, {"a": "x"}), (20, {"c": "3.50"}), (20, {"c": "nan", "b": "7"}), (5, {})]
@@ -446,6 +446,9 @@ def test_parts_with_other_columns_and_late_diagnostics_are_the_same_table(tmp_pa
     with folder.sink(setup) as sink:
         for at, (stamp, values) in enumerate(told):
             sink.add("/diagnostics", Diagnostic(stamp * 10**9, "plan"[: 4 - at % 2], 0, "7", values), stamp * 10**9)
+        for stamp in (2 * 10**9, 10**9):
+            sink.add("ato/state", AtoReport(stamp, *np.zeros((3, 1))), stamp)
+    assert train_ato.load(folder.path)["ato/state"].index.tolist() == [1, 2]
     assert_parts_are_the_tables(folder.path, tmp_path / "out", monkeypatch, capsys, 1)
     table = pd.read_parquet(tmp_path / "out" / "diagnostics.parquet")
     assert table.index.tolist() == [0, 5, 20, 20, 40]

@@ -99,7 +99,7 @@ def _knots(topic: Topic, trajectory: Trajectory) -> pd.DataFrame:
 
 
 def states_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
-    """Return one row per message with states and counters, over its stamp.
+    """Return one row per message with states and counters, over its stamp and in the order of it.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def states_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
     """
     import pandas as pd
 
-    entry, messages = BY_NAME[topic], list(map(STATES[topic].decode, payloads))
+    entry, messages = BY_NAME[topic], sorted(map(STATES[topic].decode, payloads), key=attrgetter("stamp"))
     columns: dict[str, Any] = {}
     for place in entry.places:
         rows = np.array([getattr(message, place.field) for message in messages])
