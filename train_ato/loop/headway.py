@@ -44,7 +44,8 @@ RECOVERED = 0.25
 BACKWARDS = -0.05
 """Lowest speed after missing reports [m/s]; the average before a stop makes it a little negative."""
 JOIN_LIMITS = (1.15, 2.5)
-"""Largest speed and acceleration after missing reports, as multiples of the largest ones of the own profile."""
+"""Largest speed and acceleration after missing reports, as multiples of those of the own profile: of the largest
+acceleration, and of the largest speed up to ``MAX_LEAD`` from the place."""
 CHASE_LIMITS = (1.1, 1.5)
 """The same on a way with bounded speed and acceleration; it exceeds its speed by a few mm/s."""
 
@@ -238,7 +239,9 @@ class HeadwayProfile:
         self._built_at = -np.inf
         self._due: int | None = None
         self._missed = False
-        self._most = np.array((own.velocity.max(), np.abs(own.acceleration).max()))
+        around = (np.interp(own.position + way, own.position, own.velocity) for way in (-MAX_LEAD, 0.0, MAX_LEAD))
+        self._fastest = np.array((own.position, np.maximum.reduce(list(around))))
+        self._strongest = float(np.abs(own.acceleration).max())
 
     def _take(self, time: float, front: float) -> None:
         """Keep the place of a report, which counts one headway later, up to the middle of the fading at ``until``."""
@@ -305,11 +308,14 @@ class HeadwayProfile:
         if not self._own.ends_rolling:
             self._set_size(before + self._own.time.size)
         chasing, wanted = np.array(self._present), _resized(wanted, self._time.size)
-        close = _chase(chasing, np.array(wanted), first, self._own.period, self._most * CHASE_LIMITS, smoothing)
+        speed, acceleration = CHASE_LIMITS
+        limits = self._fastest * ((1.0,), (speed,)), self._strongest * acceleration
+        close = _chase(chasing, np.array(wanted), first, self._own.period, *limits, smoothing)
         chased = SmoothFunction(*chasing)
         joined = self._changed(chased, close, wanted)
         found = joined if self._permitted(joined, first) else chased
-        self._set_size(max(before, int(np.max(np.flatnonzero(found.rate > TURNING_SPEED), initial=0)) + 2))
+        moving = int(np.max(np.flatnonzero(found.rate > TURNING_SPEED), initial=0)) + 2
+        self._set_size(min(self._time.size, max(before, moving)))
         return _resized(found, self._time.size)
 
     def _changed(self, profile: SmoothFunction, first: int, wanted: SmoothFunction) -> SmoothFunction:
@@ -319,9 +325,10 @@ class HeadwayProfile:
 
     def _permitted(self, profile: SmoothFunction, first: int) -> bool:
         """Return True if a profile from a knot on is in its limits after missing reports."""
-        _, speed, acceleration = (part[first:] for part in profile)
-        fastest, strongest = self._most * JOIN_LIMITS
-        return bool(speed.min() >= BACKWARDS and speed.max() <= fastest and abs(acceleration).max() <= strongest)
+        place, speed, acceleration = (part[first:] for part in profile)
+        fastest = JOIN_LIMITS[0] * np.interp(place, *self._fastest)
+        strongest = JOIN_LIMITS[1] * self._strongest
+        return bool(((speed >= BACKWARDS) & (speed <= fastest) & (abs(acceleration) <= strongest)).all())
 
     def _averaged(self, first: int) -> SmoothFunction:
         """Return the averaged deviation from a knot on; beyond the reports it stays."""
@@ -358,11 +365,13 @@ def _resized(profile: SmoothFunction, knots: int) -> SmoothFunction:
 
 
 @compiled
-def _chase(profile: Array, wanted: Array, first: int, period: float, most: Array, near: int) -> int:
+def _chase(
+    profile: Array, wanted: Array, first: int, period: float, fastest: Array, strongest: float, near: int
+) -> int:
     """Let a profile follow the wanted one from a knot on.
 
-    Both have place, speed and acceleration in rows. ``most`` has the largest speed and acceleration. Return the first
-    knot before which ``near`` knots are close to the wanted profile, else the last one.
+    Both have place, speed and acceleration in rows. ``fastest`` has places and the largest speeds there. Return the
+    first knot before which ``near`` knots are close to the wanted profile, else the last one.
     """
     place, speed, acceleration = profile[:, first]
     last, close = profile.shape[1] - 1, 0
@@ -370,15 +379,17 @@ def _chase(profile: Array, wanted: Array, first: int, period: float, most: Array
     stops = np.full(last + 1, np.inf if wanted[1, last] > TURNING_SPEED else wanted[0, last])
     for knot in range(last - 1, first, -1):
         stops[knot] = wanted[0, knot] if wanted[1, knot] <= TURNING_SPEED else stops[knot + 1]
-    parts = math.ceil(period / 0.05)
+    parts, at = math.ceil(period / 0.05), 0
     step = period / parts
     for knot in range(first + 1, last + 1):
+        while at < fastest.shape[1] - 1 and fastest[0, at + 1] <= place:
+            at += 1
         for part in range(parts):
             there, ahead = wanted[:2, knot - 1] + part / parts * (wanted[:2, knot] - wanted[:2, knot - 1])
-            aim = min(max(ahead + _closing(there - place, most[1]), 0.0), most[0])
+            aim = min(max(ahead + _closing(there - place, strongest), 0.0), fastest[1, at])
             if stops[knot] > place:
-                aim = min(aim, _closing(stops[knot] - place, most[1]))
-            jerk = (min(max(1.5 * (aim - speed), -most[1]), most[1]) - acceleration) / max(step, 0.2)
+                aim = min(aim, _closing(stops[knot] - place, strongest))
+            jerk = (min(max(1.5 * (aim - speed), -strongest), strongest) - acceleration) / max(step, 0.2)
             place += step * (speed + step * (acceleration / 2.0 + step * jerk / 6.0))
             speed += step * (acceleration + step * jerk / 2.0)
             acceleration += step * jerk
