@@ -265,9 +265,10 @@ def test_a_late_leader_delays_the_own_stops(
         pytest.param((320, 420), [(325, 325), (450, 325), (600, 475)], None, 0.1, id="at the last own stop"),
         pytest.param((120, 200), [(80, 80), (120, 80), (121, 121), (600, 600)], None, 0.1, id="regains where slow"),
         pytest.param((100, 160), [(110, 110)], None, math.inf, id="stands"),
+        pytest.param((600, 600), [(0, -3.5), (600, 596.5)], None, 0.1, id="is 49 m behind at the start"),
     ],
 )  # fmt: skip
-def test_a_profile_after_missing_reports_does_not_run_back(gap: Any, drives: Any, until: Any, end: float) -> None:
+def test_a_profile_behind_late_reports_does_not_run_back(gap: Any, drives: Any, until: Any, end: float) -> None:
     """Fails if the profile runs back or joins the reports with a high speed or acceleration, or leaves its stop."""
     slow = [*CRUISE[:1], {"cruise_until": 130}, {"brake_to_kmh": 18}, {"cruise_until": 300}]
     phases = [*slow, *CRUISE[:1], {"cruise_until": 420}, *CRUISE[2:]]

@@ -7,8 +7,8 @@ becomes a smooth motion, and the parts of the own profile are not averaged. Beyo
 stays. The train is at most a few metres ahead of its own profile, also if the train ahead drives on. Near a stop of the
 own profile the deviation fades to 0, so that the train stops at its own place. If the train ahead reaches or leaves a
 stop late, the own profile does so too, and only what remains fades. A new profile begins at the present profile. Within
-the smoothing time it changes to the deviation of the new reports. After missing reports, where this would run back or
-be too fast, it follows the reports with a bounded speed and acceleration, or waits until they reach it.
+the smoothing time it changes to the deviation of the new reports. After missing reports or at the start, where this would
+run back or be too fast, it follows the reports with a bounded speed and acceleration, or waits until they reach it.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ class HeadwayProfile:
         self._places: list[float] = []
         self._built_at = -np.inf
         self._due: int | None = None
-        self._missed = False
+        self._missed = self._bounded = False
         around = (np.interp(own.position + way, own.position, own.velocity) for way in (-MAX_LEAD, 0.0, MAX_LEAD))
         self._fastest = np.array((own.position, np.maximum.reduce(list(around))))
         self._strongest = float(np.abs(own.acceleration).max())
@@ -256,7 +256,8 @@ class HeadwayProfile:
         due = self.next_due((stamp,))
         if due is None or due > stamp:
             return None
-        self._missed |= -np.inf < self._built_at < stamp * 1e-9 + self._smoothing
+        self._bounded = self._built_at < stamp * 1e-9 + self._smoothing
+        self._missed |= self._bounded and self._built_at > -np.inf
         self._due, self._built_at = None, self._times[-1]
         return self._built(stamp)
 
@@ -302,8 +303,9 @@ class HeadwayProfile:
     def _joined(self, first: int, wanted: SmoothFunction) -> SmoothFunction:
         """Return the present profile that changes to the wanted one from a knot on."""
         joined = self._changed(self._present, first, wanted)
-        if not self._missed or self._permitted(joined, first):
+        if not (self._missed or self._bounded) or self._permitted(joined, first):
             return joined
+        self._missed = True
         before, smoothing = self._time.size, round(self._smoothing / self._own.period)
         if not self._own.ends_rolling:
             self._set_size(before + self._own.time.size)
@@ -324,7 +326,7 @@ class HeadwayProfile:
         return profile.plus(step.times(wanted.minus(profile)))
 
     def _permitted(self, profile: SmoothFunction, first: int) -> bool:
-        """Return True if a profile from a knot on is in its limits after missing reports."""
+        """Return True if a profile from a knot on is in its limits after missing reports or at the start."""
         place, speed, acceleration = (part[first:] for part in profile)
         fastest = JOIN_LIMITS[0] * np.interp(place, *self._fastest)
         strongest = JOIN_LIMITS[1] * self._strongest
