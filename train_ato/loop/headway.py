@@ -7,8 +7,9 @@ becomes a smooth motion, and the parts of the own profile are not averaged. Beyo
 stays. The train is at most a few metres ahead of its own profile, also if the train ahead drives on. Near a stop of the
 own profile the deviation fades to 0, so that the train stops at its own place. If the train ahead reaches or leaves a
 stop late, the own profile does so too, and only what remains fades. A new profile begins at the present profile. Within
-the smoothing time it changes to the deviation of the new reports. After missing reports or at the start, where this would
-run back or be too fast, it follows the reports with a bounded speed and acceleration, or waits until they reach it.
+the smoothing time it changes to the deviation of the new reports. After missing reports or at the start, where this
+would run back or be too fast, it follows the reports with a bounded speed and acceleration, or waits until they reach
+it.
 """
 
 from __future__ import annotations
