@@ -671,14 +671,16 @@ def geometry(railml: Path, grades: str, bends: str = "") -> str:
     return str(railml)
 
 
-def test_arcs_of_gradient_and_transition_curves_are_linear_between_their_neighbours(railml: Path) -> None:
+def test_arcs_of_gradient_and_transition_curves_are_linear_between_their_neighbours(railml: Path, capsys) -> None:
     """Breaks if an arc is level, as it was, or a chain of arcs, a direction or the height at its end is wrong."""
     arc = 'curveType="arc" deltaGradient="{}"'
     sag = curves("gradientCurve", ('gradient="-4"', 0, 500), (arc.format(10), 500, 540), (arc.format(-2), 540, 560))
-    bends = curves("horizontalCurve", ('curveType="clothoid"', 100, 140), ('radius="-500"', 140, 300))
+    mixed, clothoid = 'curveType="mixed"', 'curveType="clothoid" radius="0"'
+    bends = curves("horizontalCurve", (clothoid, 100, 140), ('radius="-500"', 140, 300), (mixed, 300, 400))
     line = load_line(name := geometry(railml, sag + curves("gradientCurve", ('gradient="4"', 560, 2000)), bends))
     expected = [(0, -4), (500, -1.5), (520, 3.5), (540, 5), (560, 4)]
     assert [(e.at, round(1e3 * e.grade, 9)) for e in line.grades] == expected
+    assert "of the type mixed without a radius; straight there" in capsys.readouterr().err
     back = load_line(f"{name}:reverse")
     assert [(e.at, round(-1e3 * e.grade, 9)) for e in back.grades] == [
         (0, 4), (1440, 5), (1460, 3.5), (1480, -1.5), (1500, -4),

@@ -248,11 +248,13 @@ def radii(infrastructure: Entry, location: Location, path: TrackPath) -> list[Ra
     for curve in infrastructure.below("horizontalCurve"):
         entry = curve.place
         passages = location.ranges(curve, path, signed=True)
-        if "radius" in curve:
-            radius = curve.number("radius")
+        kind, radius = curve.get("curveType"), curve.number("radius") if "radius" in curve else None
+        if radius or (radius is not None and kind in ("", *KINDS)):  # 0 of a transition is no radius
             bend = 1.0 / radius if radius else 0.0
             rows += [Range(begin, end, bend if forward else -bend, entry) for begin, end, forward in passages]
-        elif curve.get("curveType") not in ("straight", "mixed"):
+        elif kind == "mixed":
+            print_assumption(f"{entry}: of the type mixed without a radius; straight there")
+        elif kind != "straight":
             transitions += [_Transition(begin, end, None, entry) for begin, end in joined(passages)]
     found = _between(rows, transitions, 0.0)
     for transition, values in found.items():
