@@ -12,7 +12,7 @@ import sys
 import threading
 import types
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -237,6 +237,14 @@ class NotKept(Gain):
         ({"law": 3}, r"law 3: give a name, 'module:Class', a class or an object"),
         ({"law": NoReset}, r"class NoReset has no method reset\(\)"),
         ({"law": NoDefault}, r"parameter 'gain' needs a default"),
+        (
+            {"law": type("Bare", (Gain,), {"Parameters": int})},
+            r"Parameters = <class 'int'>: is no dataclass; write @data",
+        ),
+        (
+            {"law": type("Bare", (Gain,), {"Parameters": make_dataclass("P", [("k", float, 1.0)])})},
+            r"class P: field 'k' is not declared; write k: float = parameter\(\.\.\.\)",
+        ),
         ({"law": NotKept()}, r"NotKept does not keep its parameter 'more'; set self\.more"),
         ({"law": Gain(gain=11.0)}, r"Gain\.gain: 11 is outside 0 \.\.\. 10 1/s"),
         ({"law": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),

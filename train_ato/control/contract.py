@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from numbers import Real
 from typing import Any, ClassVar, Protocol
 
@@ -260,7 +260,23 @@ def flag(meaning: str, *, default: bool) -> Any:
 
 
 def parameters_of(dataclass_type: type) -> tuple[Parameter, ...]:
-    """Return the parameters of a parameter dataclass, in order."""
+    """Return the parameters of a parameter dataclass, in order.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or has a field without a declaration.
+    """
+    if not is_dataclass(dataclass_type):
+        raise ValueError(
+            f"Parameters = {dataclass_type}: is no dataclass; write @dataclass(frozen=True) above its class"
+        )
+    for entry in fields(dataclass_type):
+        if "parameter" not in entry.metadata:
+            raise ValueError(
+                f"class {dataclass_type.__qualname__}: field '{entry.name}' is not declared; write {entry.name}: "
+                f"{getattr(entry.type, '__name__', entry.type)} = parameter(...)"
+            )
     return tuple(
         replace(entry.metadata["parameter"], name=entry.name, default=entry.default) for entry in fields(dataclass_type)
     )
