@@ -505,7 +505,7 @@ def test_wrong_uses_of_a_vector_are_refused_in_one_line():
             wrong()
     envs.reset()
     numbers = ([[1.0]], "shape"), ([[1.0], [np.nan]], "not finite"), ([[1.0], [10**400]], "not numbers")
-    for forces, text in (*numbers, ("full", "not numbers")):
+    for forces, text in (*numbers, ("full", "not numbers"), ([["1"], ["2"]], "not numbers")):
         with pytest.raises(ValueError, match=text):
             envs.step(forces)
     assert envs.step([[0.0], [0.0]])[0][:, 0].tolist() == [0.05, 0.05]

@@ -379,6 +379,8 @@ class VectorEnv(CallerForces):
         shape = (self.num_envs, self.n_units)
         try:
             forces = np.asarray(given, dtype=np.float64)
+            if np.asarray(given).dtype.kind in "SU":
+                raise TypeError("text")
         except (TypeError, ValueError, OverflowError):
             raise ValueError(f"step: forces {str(given)[:60]!r} are not numbers; give the shape {shape}") from None
         if forces.shape != shape:
