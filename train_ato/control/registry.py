@@ -181,14 +181,11 @@ class Registry:
         self._loaded: dict[str, Any] = {}
         self._unregistered: dict[str, Any] = {}
 
-    def register(self, name: str, target: str | type) -> None:
-        """Add a component under a new name: a class, or ``module:Class``."""
+    def register(self, name: str, target: type) -> None:
+        """Add a class under a new name."""
         if name in self._targets or name in self._loaded:
             raise ValueError(f"{self.kind} '{name}' is registered already; choose another name")
-        if isinstance(target, str):
-            self._targets[name] = target
-        else:
-            self._loaded[name] = self._in_form(target)
+        self._loaded[name] = self._in_form(target)
 
     def name_of(self, block: type) -> str:
         """Return the name of a class; one that is not registered can be used as ``module:Class`` from then on.

@@ -56,8 +56,8 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = Fa
         groups["nodes"] = _nodes(configured, log)
     if log.scene or scene:
         groups["scene"] = _add(configured, "3D!scene", _scene())
-    columns = [_column([groups[key] for key in side if key in groups]) for side in (LEFT, RIGHT)]
-    there = [column for column in columns if column is not None]
+    sides = [[groups[key] for key in side if key in groups] for side in (LEFT, RIGHT)]
+    there = [_column(side) for side in sides if side]
     layout = _split("row", there[0], there[1], 62) if len(there) == 2 else there[0]
     content = _filled("layout", configById=configured, layout=layout)
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
@@ -130,19 +130,15 @@ def _nodes(configured: dict[str, dict[str, Any]], log: LogSignals) -> Node:
             parts.append(_add(configured, f"DiagnosticStatusPanel!{node}", config))
     if len(parts) == 1:
         return parts[0]
-    return _split("row", parts[0], _column(parts[1:]) or parts[1], 45)
+    return _split("row", parts[0], _column(parts[1:]), 45)
 
 
 def _split(direction: str, first: Node, second: Node, percentage: float) -> Node:
     return {"direction": direction, "first": first, "second": second, "splitPercentage": percentage}
 
 
-def _column(parts: Sequence[Node]) -> Node | None:
-    """Return panels of equal height, the first one on top; None without one."""
-    if not parts:
-        return None
+def _column(parts: Sequence[Node]) -> Node:
+    """Return panels of equal height, the first one on top."""
     if len(parts) == 1:
         return parts[0]
-    rest = _column(parts[1:])
-    assert rest is not None
-    return _split("column", parts[0], rest, round(100 / len(parts), 1))
+    return _split("column", parts[0], _column(parts[1:]), round(100 / len(parts), 1))

@@ -23,7 +23,7 @@ from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Ti
 from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.nodes.answer_watch import AnswerWatch, TickLateness, awaited_node, departure, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
+from train_ato.ros.nodes.plant_requests import PlantRequests
 from train_ato.ros.nodes.tick_answers import OUTAGE_RATE, Outage, TickAnswers
 
 LOOK_S = 0.2
@@ -489,14 +489,12 @@ class PlantNode:
             self._resume_loop()
 
     def set_rate(self, factor: float) -> None:
-        """Change the rate during the run; ValueError if the rate is 0 in a run without lockstep."""
+        """Change the rate during the run, in one without lockstep to a rate above 0."""
         self._lateness.restart()  # the present tick began at the rate before
         if self._lockstep_rate is not None:
             self._lockstep_rate = factor
             return
         if self._period is not None:
-            if factor <= 0:
-                raise ValueError(NO_RATE)
             self._period = self.stage.setup.tick_ns / factor
             self._wake_every(self._period)
             return
