@@ -423,6 +423,21 @@ def test_a_second_swap_ends_the_first_joined_reference(new: str, braked: bool, b
     assert getattr(control._joined, "_begin", None) == begins
 
 
+def test_the_braking_law_brakes_no_less_than_the_law() -> None:
+    """Breaks if the ramp of a takeover replaces a stronger brake, or the command jumps when the law releases it."""
+    of, along = model(FIVE), profile()
+    control, sent = stack(of, along=along), []
+    for k, fast in enumerate([0.0, 3.0, 0.0], 600):
+        reference, estimate = asked(of, along, k * 100_000_000)
+        speed = reference.velocity + fast
+        control.step(measured(of, reference.stamp, reference.position, speed, 0.0), reference, estimate)
+        law = np.array(control.last)
+        sent.append(control.brake(np.full(5, -1e3)) if k > 600 else law)
+        assert (sent[-1] <= law).all()
+    assert (sent[1] < sent[0]).all() and (sent[2] > sent[1]).all()
+    assert (sent[2] - sent[1] <= control._braking.change * (1 + 1e-9)).all()
+
+
 def test_the_braking_law_takes_over_and_gives_back_without_a_jump(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the takeover is late, jumps, or takes over 3 s, the supervisor intervenes, or the return jumps."""
     step = Pid.step

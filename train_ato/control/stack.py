@@ -193,7 +193,7 @@ class ControlStack:
         self._swaps += 1
 
     def brake(self, force: Array, least_jerk: float = 0.0) -> Array:
-        """Return the command of this step for the demand of the braking law, which replaces that of the law.
+        """Return the command of this step for the demand of the braking law; a law that brakes more keeps its own.
 
         Parameters
         ----------
@@ -205,7 +205,7 @@ class ControlStack:
         if self._braking is None:
             jerk = takeover.transition_jerk(self.profile, self._jerk_limit)
             self._braking = takeover.TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
-        sent = self._braking.step(force, force)
+        sent = self._braking.step(force, force, np.array(self.last))
         self.last = sent.tolist()
         self.in_flight[-1:] = sent
         return sent

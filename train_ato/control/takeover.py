@@ -90,13 +90,15 @@ class TakeoverRamp:
         self._force = force
         self.ended = False
 
-    def step(self, wanted: Array, applied: Array) -> Array:
+    def step(self, wanted: Array, applied: Array, highest: Array | float = np.inf) -> Array:
         """Return the demand of one tick [N].
 
         Parameters
         ----------
         wanted, applied : Array, shape (units,)
             Final demand, and measured force of every unit [N].
+        highest : Array, shape (units,), or float
+            Largest demand [N]: that of a law which brakes more.
         """
         if self._force is None:
             self._force = np.where(np.isfinite(applied), applied, 0.0)
@@ -106,7 +108,7 @@ class TakeoverRamp:
             self.change = np.maximum(self.change, self._share_of_time * np.abs(change))
         most = np.maximum(self.change, self._least)
         self.ended = bool((np.abs(change) <= most).all())
-        self._force = wanted if self.ended else self._force + np.clip(change, -most, most)
+        self._force = np.minimum(wanted if self.ended else self._force + np.clip(change, -most, most), highest)
         return self._force.copy()
 
 
