@@ -21,7 +21,7 @@ from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
 from train_ato.messages.topics import EPOCH_NS
-from train_ato.view.foxglove import serve_foxglove
+from train_ato.view.foxglove import _Played, serve_foxglove
 from train_ato.view.origin_gate import _accepted, host_of, may_read_topics
 from train_ato.view.recorded import RecordedFeed
 
@@ -111,6 +111,20 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
     gaps = {round((b - a) / 1e8) for a, b in pairwise(moments)}
     assert gaps <= {0, 1}, "messages are missing"
     assert client.times == sorted(client.times)
+
+
+def test_a_busy_machine_skips_no_message_of_a_fast_run(run):
+    """Breaks if a period of a third of a second skips messages of a run that is played 20 times as fast."""
+    feed, sent = RecordedFeed(run), []
+    played = _Played(feed, ["train/vehicles"])
+    feed.seek(0.0)
+    feed.speed = 20.0
+    feed.set_playing(playing=True)
+    for _ in range(3):
+        played.poll(lambda _topic, moment_ns, _data: sent.append(moment_ns))
+        time.sleep(0.3)
+    played.close()
+    assert len(sent) > 50 and {round((b - a) / 1e8) for a, b in pairwise(sent)} == {1}
 
 
 def test_a_log_of_the_former_types_keeps_them(tmp_path):

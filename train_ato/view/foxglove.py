@@ -28,6 +28,8 @@ from train_ato.view.train_scene import VEHICLES, TrainScene
 
 MAX_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""
+MAX_STALL_NS = 2_000_000_000
+"""Longest period of a loaded machine after which no message of a recorded run is skipped [ns]."""
 
 
 Send = Callable[[str, int, bytes], None]
@@ -81,7 +83,7 @@ class _Played:
             self._time = -1
             return now
         step = now - self._time
-        if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
+        if self._time < 0 or step < 0 or step > MAX_STALL_NS * max(1.0, self._feed.speed):
             self._enter(now, send)
         self._time = now
         for _ in range(MAX_AT_ONCE):
