@@ -326,15 +326,21 @@ def test_a_full_disk_leaves_no_empty_summary(tmp_path: Path, monkeypatch: pytest
     assert sorted(path.name for path in folder.path.iterdir()) == ["metadata.yaml", "run.mcap", "scenario.yaml"]
 
 
-@pytest.mark.parametrize("mode", ["--engine", "--composed", "--processes"])
-def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> None:
-    """Breaks if the message names a full or read-only place, or an empty log takes the place of the removed one."""
+def recording_run(mode: str, folder: Path) -> subprocess.Popen[str]:
+    """Return a run in a folder that has written a part of its log."""
     if mode != "--engine":
         pytest.importorskip("rclpy")
     options = [] if mode == "--composed" else [mode]
-    process = begun("run", "demo", *options, "--rate=20", "--set=duration=60", "--out=out", cwd=tmp_path)
-    partial = tmp_path / "out" / "run.mcap.partial"
+    process = begun("run", "demo", *options, "--rate=20", "--set=duration=60", "--out=out", cwd=folder)
+    partial = folder / "out" / "run.mcap.partial"
     wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
+    return process
+
+
+@pytest.mark.parametrize("mode", ["--engine", "--composed", "--processes"])
+def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> None:
+    """Breaks if the message names a full or read-only place, or an empty log takes the place of the removed one."""
+    process = recording_run(mode, tmp_path)
     shutil.rmtree(tmp_path / "out")
     out, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1 and out == ""
@@ -347,13 +353,8 @@ def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> 
 @pytest.mark.parametrize("mode", ["--engine", "--composed"])
 def test_a_log_removed_during_the_run_leaves_no_empty_one(mode: str, tmp_path: Path) -> None:
     """Breaks if the message names a place to write to, or a log or bag without messages is beside the failure."""
-    if mode != "--engine":
-        pytest.importorskip("rclpy")
-    options = [] if mode == "--composed" else [mode]
-    process = begun("run", "demo", *options, "--rate=20", "--set=duration=60", "--out=out", cwd=tmp_path)
-    partial = tmp_path / "out" / "run.mcap.partial"
-    wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
-    partial.unlink()
+    process = recording_run(mode, tmp_path)
+    (tmp_path / "out" / "run.mcap.partial").unlink()
     _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1
     assert err.endswith("out/run.mcap.partial: was removed during the run; nothing is recorded\n")

@@ -9,6 +9,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,7 +20,7 @@ from waiting import LIMIT_S, pause, wait_for
 
 from train_ato.api.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import LEFT_S, main
-from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.program.interrupt import Interrupt, ending_like_ctrl_c, no_silent_exit
 from train_ato.scenario.scenario import load_scenario
 
 ENDED = (1, -signal.SIGINT)
@@ -263,6 +264,30 @@ def test_a_module_that_exits_is_refused(end, kind, tmp_path, monkeypatch, capsys
     (tmp_path / f"{kind.lower()}_made.py").write_text(f"{made}    def step(self, inputs):\n        pass\n")
     assert main(["run", "demo", "--engine", "--law", f"{kind.lower()}_made:Law"]) == 2
     assert f"law Law: called {end}, {tmp_path / kind.lower()}_made.py:4\n" in capsys.readouterr().err
+
+
+def test_a_thread_from_before_the_run_may_end_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the worker of a library whose parent is gone stays, or a thread that the run begins ends it."""
+    ended: list[str] = []
+    monkeypatch.setattr(os, "_exit", sys.exit)
+    in_run = threading.Event()
+
+    def end(name: str) -> None:
+        in_run.wait()
+        try:
+            os._exit(1)
+        except SystemExit as error:
+            ended.append(f"{name}: {type(error).__name__}")
+
+    threads = [threading.Thread(target=end, args=("before",))]
+    threads[0].start()
+    with no_silent_exit():
+        threads.append(threading.Thread(target=end, args=("within",)))
+        threads[1].start()
+        in_run.set()
+        for thread in threads:
+            thread.join(timeout=LIMIT_S)
+    assert sorted(ended) == ["before: SystemExit", "within: ProcessExit"]
 
 
 def test_a_thread_of_a_law_that_goes_on_is_named(tmp_path: Path) -> None:

@@ -79,12 +79,17 @@ def text_of_exit(error: SystemExit) -> str:
 
 @contextmanager
 def no_silent_exit() -> Iterator[None]:
-    """Let a call that ends the process in the block raise :class:`ProcessExit`; processes that are forked in it end."""
+    """Let a call that ends the process in the block raise :class:`ProcessExit`.
+
+    Processes that are forked in it end. A thread that began before the block ends the process too: the worker of a
+    library ends so if its parent is gone.
+    """
     process = os.getpid()
+    before = {thread.ident for thread in threading.enumerate()} - {get_ident()}
     ends = {name: getattr(os, name) for name in ("_exit", "execv", "execve")}  # every os.exec...() calls one of them
 
     def refused(name: str, argument: object, *others: object) -> NoReturn:
-        if os.getpid() != process:
+        if os.getpid() != process or get_ident() in before:
             ends[name](argument, *others)
         raise ProcessExit(f"os.{name}", argument)
 
