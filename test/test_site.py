@@ -65,7 +65,7 @@ def test_the_gallery_has_every_scenario_train_and_line(tmp_path):
         assert len(set(pictures)) == len(wanted)
         for picture in pictures:
             drawn = ElementTree.parse(tmp_path / picture).iter()
-            lines = [line.get("points", "") for line in drawn if line.get("stroke")]
+            lines = [line.get("d", "") for line in drawn if "stroke: " in line.get("style", "")]
             assert len(lines) > 1 and "nan" not in "".join(lines)
     for name, row in read_rows(ROOT / gallery_page.MEASURED).items():
         expected = expectation_of(name)

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 import train_ato as ta
 from msgs_docs.generate.rows import read_rows, write_rows
@@ -22,6 +24,9 @@ from train_ato.control.train_model import TrainModel
 from train_ato.judge.metric_names import METRICS
 from train_ato.judge.recording import REFERENCE
 from train_ato.messages.types import Array
+from train_ato.report.print_figures import STYLE as PRINT_STYLE
+from train_ato.report.print_figures import UNDATED
+from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import expectation_of
 from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 
@@ -33,8 +38,8 @@ GALLERY = re.compile(r"^\| \[?`(?P<name>[\w:]+)`[^|]*\| (?P<shows>[^|]+) \|$", r
 SHOWN = ("speed_rmse_kmh", "stop_error_max_m", "coupler_draft_max_kn", "energy_traction_kwh", "running_time_s")
 POINTS = 120
 """Number of times in the curve of a row."""
-COLOURS = ("#0072b2", "#e69f00", "#d55e00")
-"""First, second and third curve of a picture."""
+STYLE = {**PRINT_STYLE, "text.color": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY}
+"""Style of the figures with text that a dark page shows as well."""
 Curve = tuple[str, Sequence[float] | Array, Sequence[float] | Array]
 """Name, and values across and up."""
 
@@ -129,7 +134,7 @@ def scenarios_page(top: Path, folder: Path) -> str:
         curves: list[Curve] = [("profile", row["time_s"], row["profile_kmh"])] if row["profile_kmh"] else []
         curves.append(("train", row["time_s"], row["speed_kmh"]))
         picture = f"{_file_name(name)}.svg"
-        (folder / picture).write_text(svg(curves, "time in s", "speed in km/h"), encoding="utf-8")
+        draw(folder / picture, curves, "time in s", "speed in km/h")
         parts = [("train", row["train"]), ("line", row["line"]), ("law", row["law"])]
         parts += [("expected", expected.text)] if expected else []
         summary = details(name)["scenario"]["summary"]
@@ -153,7 +158,8 @@ def trains_page(folder: Path) -> str:
         limits = [model.force_limits(np.full(none.size, speed / KMH)) for speed in speeds]
         least, most = (np.array([side.sum() for side in sides]) / 1e3 for sides in zip(*limits, strict=True))
         curves: list[Curve] = [("traction", speeds, most), ("electric brake", speeds, least)]
-        text += _entry(folder, name, details(name)["consist"], svg(curves, "speed in km/h", "force in kN"), "forces")
+        draw(folder / f"forces_{name}.svg", curves, "speed in km/h", "force in kN")
+        text += _entry(name, details(name)["consist"], "forces")
     return text
 
 
@@ -167,13 +173,13 @@ def lines_page(folder: Path) -> str:
         places = np.concatenate(([line.begin], inside, [line.end]))
         curves: list[Curve] = [("height", places / 1e3, track.elevation(places))]
         stops = [(stop.at / 1e3, stop.name) for stop in line.stops]
-        text += _entry(folder, name, details(name)["line"], svg(curves, "km", "height in m", stops), "height")
+        draw(folder / f"height_{name}.svg", curves, "km", "height in m", stops)
+        text += _entry(name, details(name)["line"], "height")
     return text
 
 
-def _entry(folder: Path, name: str, facts: dict[str, str], picture: str, content: str) -> str:
-    """Write the picture of a train or a line; return its section."""
-    (folder / f"{content}_{name}.svg").write_text(picture, encoding="utf-8")
+def _entry(name: str, facts: dict[str, str], content: str) -> str:
+    """Return the section of a train or a line with its picture."""
     rows = _two_columns([(key, text) for key, text in facts.items() if text])
     return f"\n## {name}\n\n{rows}\n![{content} of {name}]({content}_{name}.svg)\n"
 
@@ -190,15 +196,13 @@ def _file_name(name: str) -> str:
     return re.sub(r"[^a-z0-9_]", "_", name)
 
 
-WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 720, 220, 62, 24, 12, 36
-"""Size and margins of a picture in pixels."""
-
-
-def svg(curves: Sequence[Curve], across: str, up: str, marks: Sequence[tuple[float, str]] = ()) -> str:
-    """Return a picture of curves with the names of its axes, for light and dark pages.
+def draw(path: Path, curves: Sequence[Curve], across: str, up: str, marks: Sequence[tuple[float, str]] = ()) -> None:
+    """Draw curves with the names of their axes as SVG, for light and dark pages.
 
     Parameters
     ----------
+    path
+        File of the picture.
     curves
         Name, values across and values up of each.
     across, up
@@ -206,45 +210,14 @@ def svg(curves: Sequence[Curve], across: str, up: str, marks: Sequence[tuple[flo
     marks
         Places across with their names.
     """
-    xs, ys = (np.concatenate([np.asarray(curve[side], dtype=float) for curve in curves]) for side in (1, 2))
-    steps_x, steps_y = _ticks(float(xs.min()), float(xs.max())), _ticks(min(0.0, float(ys.min())), float(ys.max()))
-    low, high = min(steps_y[0], ys.min()), max(steps_y[-1], ys.max())
-    span_x, span_y = (xs.min(), max(xs.max(), xs.min() + 1.0)), (low, max(high, low + 1.0))
-
-    def place(x: float, y: float) -> str:
-        right = LEFT + (WIDTH - LEFT - RIGHT) * (x - span_x[0]) / (span_x[1] - span_x[0])
-        return (
-            f"{right:.1f},{HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (y - span_y[0]) / (span_y[1] - span_y[0]):.1f}"
-        )
-
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" '
-        'font-family="sans-serif" font-size="12" fill="#808080">'
-    ]
-    for step in steps_y:
-        begin, end = place(span_x[0], step), place(span_x[1], step)
-        parts.append(f'<polyline points="{begin} {end}" stroke="#80808055"/>')
-        parts.append(f'<text x="{LEFT - 6}" y="{float(begin.split(",")[1]) + 4:.1f}" text-anchor="end">{step:g}</text>')
-    for step in steps_x:
-        right = place(step, span_y[0]).split(",")[0]
-        parts.append(f'<text x="{right}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{step:g}</text>')
-    for at, name in marks:
-        low, high = place(at, span_y[0]), place(at, span_y[1])
-        parts.append(f'<polyline points="{low} {high}" stroke="#808080" stroke-dasharray="3 3"/>')
-        parts.append(f'<text x="{float(low.split(",")[0]) + 3:.1f}" y="{TOP + 10}" font-size="10">{name}</text>')
-    for number, (name, values_x, values_y) in enumerate(curves):
-        points = " ".join(place(float(x), float(y)) for x, y in zip(values_x, values_y, strict=True))
-        colour = COLOURS[number]
-        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
-        parts.append(f'<text x="{LEFT + 130 * number}" y="14" fill="{colour}">{name}</text>')
-    parts.append(f'<text x="{WIDTH - RIGHT}" y="{HEIGHT - 4}" text-anchor="end">{across}</text>')
-    parts.append(f'<text x="{WIDTH - RIGHT}" y="14" text-anchor="end">{up}</text>')
-    return "\n".join([*parts, "</svg>\n"])
-
-
-def _ticks(low: float, high: float) -> list[float]:
-    """Return round values inside a range, about five."""
-    wanted = max(high - low, 1e-9) / 5
-    unit = 10.0 ** np.floor(np.log10(wanted))
-    step = unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= wanted)
-    return [float(step * number) for number in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)] or [low]
+    figure = Figure(figsize=(10.0, 3.1), layout="constrained")
+    with mpl.rc_context(STYLE):
+        axes = figure.subplots()
+        for (name, values_x, values_y), colour in zip(curves, COLOURS, strict=False):
+            axes.plot(values_x, values_y, color=colour, lw=1.6, label=name)
+        for at, name in marks:
+            axes.axvline(at, color=GREY, lw=1.0, ls="--")
+            axes.text(at, 1.0, f" {name}", transform=axes.get_xaxis_transform(), va="top", fontsize="small")
+        axes.set(xlabel=across, ylabel=up, ylim=(min(0.0, axes.get_ylim()[0]), None))
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(curves), frameon=False)
+        figure.savefig(path, transparent=True, metadata=UNDATED[".svg"])
