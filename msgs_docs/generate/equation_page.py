@@ -4,16 +4,19 @@ import importlib
 import inspect
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass
 
 from msgs_docs.generate.rows import page_text, table_lines
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import load_scenario
+
+STRICT = ConfigDict(extra="forbid")
 
 
 class Form(Enum):
@@ -35,7 +38,7 @@ MEANINGS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Equation:
     """One numbered equation.
 
@@ -64,7 +67,7 @@ class Equation:
     settings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class EquationTable:
     """Equations of one paper.
 
@@ -87,18 +90,9 @@ class EquationTable:
     rows: tuple[Equation, ...]
 
 
-def read_equations(path: Path) -> EquationTable:
-    """Return the equations of a file; unknown keys and forms raise TypeError or ValueError."""
-    data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    rows = []
-    for row in data.pop("rows"):
-        lists: dict[str, Any] = {key: tuple(row.pop(key, ())) for key in ("places", "settings")}
-        rows.append(Equation(form=Form(row.pop("form")), **lists, **row))
-    return EquationTable(rows=tuple(rows), **data)
-
-
 EQUATION_TABLES = tuple(
-    read_equations(path) for path in sorted(Path(__file__).with_name("equations").glob("paper_*.yaml"))
+    EquationTable(**yaml.safe_load(path.read_text(encoding="utf-8")))
+    for path in sorted(Path(__file__).with_name("equations").glob("paper_*.yaml"))
 )
 """Tables of the papers."""
 

@@ -3,14 +3,16 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from pydantic.dataclasses import dataclass
 
+from msgs_docs.generate.equation_page import STRICT
 from msgs_docs.generate.fault_page import BASES, STANDSTILL, FaultRow, FaultRun, run_row
 from msgs_docs.generate.fault_page import ROWS as FAULT_ROWS
 from msgs_docs.generate.rows import page_text, read_rows, table_lines, texts, unmeasured_rows, write_rows
@@ -29,7 +31,7 @@ Guide = Literal["not provided", "provided wrongly", "too early or late", "too lo
 GUIDES: tuple[Guide, ...] = ("not provided", "provided wrongly", "too early or late", "too long or too short")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Hazard:
     """State of the train that can lead to an accident or to a lost service.
 
@@ -50,7 +52,7 @@ class Hazard:
     bound: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class Monitor:
     """Part that meets a requirement, and one way to remove it.
 
@@ -72,7 +74,7 @@ class Monitor:
     place: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class RemovalPair:
     """Run with the monitors of a row, and the same run without them.
 
@@ -91,7 +93,7 @@ class RemovalPair:
     sets: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class HazardRow:
     """One unsafe control action with its requirement.
 
@@ -127,7 +129,7 @@ class HazardRow:
     pair: RemovalPair | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=STRICT)
 class OpenHazard:
     """Faults that no monitor detects: the run has the hazard.
 
@@ -144,20 +146,15 @@ class OpenHazard:
     sets: tuple[str, ...]
 
 
-def _with_tuples(row: dict[str, Any]) -> dict[str, Any]:
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-
-
-def _parts(names: list[str]) -> tuple[str, ...]:
-    return tuple(MONITORS[name].part for name in names)
-
-
 def _hazard_row(requirement: str, row: dict[str, Any]) -> HazardRow:
     """Return a row of the file, with the names of the parts in place of the short names of the monitors."""
-    pair = row.get("pair")
-    if pair is not None:
-        pair = RemovalPair(**_with_tuples({**pair, "without": _parts(pair["without"])}))
-    return HazardRow(requirement, **_with_tuples({**row, "monitors": _parts(row["monitors"]), "pair": pair}))
+    found = HazardRow(requirement, **row)
+    pair = found.pair and replace(found.pair, without=_parts(found.pair.without))
+    return replace(found, monitors=_parts(found.monitors), pair=pair)
+
+
+def _parts(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(MONITORS[name].part for name in names)
 
 
 TABLE: dict[str, Any] = texts("hazards")
@@ -166,11 +163,11 @@ ACTIONS: dict[str, str] = TABLE["actions"]
 """Control action, or feedback it is based on, with sender and receiver."""
 HARMLESS: dict[tuple[str, Guide], str] = {(row["action"], row["guide"]): row["reason"] for row in TABLE["harmless"]}
 """Control actions and ways that lead to no hazard, with the reason."""
-MONITORS = {name: Monitor(**_with_tuples(row)) for name, row in TABLE["monitors"].items()}
+MONITORS = {name: Monitor(**row) for name, row in TABLE["monitors"].items()}
 """Monitors by their short name."""
 ROWS = tuple(_hazard_row(name, row) for name, row in TABLE["requirements"].items())
 """Rows of the table."""
-OPEN = tuple(OpenHazard(**_with_tuples(row)) for row in TABLE["open"])
+OPEN = tuple(OpenHazard(**row) for row in TABLE["open"])
 """Hazards without a monitor, found in this analysis."""
 
 
