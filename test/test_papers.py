@@ -16,17 +16,18 @@ from reproduce_results import claim, drive, result, series
 from plant_sim.elementary import random_stream
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.loop.engine import run_engine
-from train_ato.papers.checks import (
+from train_ato.papers.claims import (
+    Result,
     largest_speed_error,
     late_cruise,
     mean_speed_error,
     position_error,
+    printed,
     rms,
     speed_error,
     time_within,
     written,
 )
-from train_ato.papers.claims import Result, printed
 from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
 from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
 from train_ato.papers.p001_metro.cases import CASES as METRO_CASES

@@ -8,8 +8,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 from plant_sim.data_text import parse_yaml
-from train_ato.papers.checks import PrintedForm
-from train_ato.papers.claims import Case
+from train_ato.papers.claims import Case, PrintedForm
 
 
 class PaperRuns(NamedTuple):

@@ -10,23 +10,7 @@ from train_ato.control.laws.rbf_smc import RbfSmc, RbfSmcConstants, RbfSmcParame
 from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE
-from train_ato.papers.checks import conclude, gain, largest_kmh, recording, rms_kmh, variation
-from train_ato.papers.claims import (
-    BETTER,
-    MUCH_BETTER,
-    REMOVED,
-    THREE,
-    UNCHANGED,
-    Bound,
-    Claims,
-    Judgement,
-    Result,
-    Results,
-    about,
-    least,
-    ratio,
-    worst,
-)
+from train_ato.papers import claims as c
 from train_ato.papers.p000_heavy_haul.cases import PERIOD, PRINTED_NETWORK
 
 LOCOMOTIVE = 184e3
@@ -79,67 +63,67 @@ def unexplained(recording: Recording, period: float, model_error: float, disturb
     return np.append(result, result[-1])
 
 
-CLAIMS = Claims()
-NETWORK_BAND = Bound("largest error", 0.15, "km/h", "paper")
-SMC_BAND = Bound("largest error", 0.2, "km/h", "paper")
+CLAIMS = c.Claims()
+NETWORK_BAND = c.Bound("largest error", 0.15, "km/h", "paper")
+SMC_BAND = c.Bound("largest error", 0.2, "km/h", "paper")
 DIGITS = "paper, 0.27 and 0.15 to their last digit; e = v - v_d here, the other sign in the paper"
-PID_LOW = Bound("lowest error", -0.275, "km/h", DIGITS, least=True)
-PID_HIGH = Bound(
+PID_LOW = c.Bound("lowest error", -0.275, "km/h", DIGITS, least=True)
+PID_HIGH = c.Bound(
     "highest error",
     0.155,
     "km/h",
     DIGITS,
     note="the error is the brake force of the driver's run over 1e7 N/(m/s), and the largest force of brake is 461 kN",
 )
-ALIKE = Bound("correlation of error and force", -0.9, "", "convention for a similar shape")
-NETWORK_FIRST = ratio("rms RBFNN over SMC", BETTER, "paper: best")
-PID_LAST = ratio("rms SMC over PID", BETTER, "paper: worst")
-NETWORK_FIRST_KS = ratio("rms RBFNN over SMC, both with ks", BETTER, "paper: best")
-PID_LAST_KS = ratio("rms SMC with ks over PID", BETTER, "paper: worst")
-SAME_RMSE = about("rms with (40) over rms without", 1.0, "", "paper: nearly unchanged", UNCHANGED)
-IN_BAND = Bound("largest error with NDO", 0.15, "km/h", "paper, without (40)")
-QUIETER_THAN_PID = ratio("change of the error, NDO over PID", MUCH_BETTER, "paper: clearly larger with PID")
-QUIETER_THAN_SMC = ratio("change of the error, NDO over SMC", MUCH_BETTER, "paper: clearly larger with SMC")
+ALIKE = c.Bound("correlation of error and force", -0.9, "", "convention for a similar shape")
+NETWORK_FIRST = c.ratio("rms RBFNN over SMC", c.BETTER, "paper: best")
+PID_LAST = c.ratio("rms SMC over PID", c.BETTER, "paper: worst")
+NETWORK_FIRST_KS = c.ratio("rms RBFNN over SMC, both with ks", c.BETTER, "paper: best")
+PID_LAST_KS = c.ratio("rms SMC with ks over PID", c.BETTER, "paper: worst")
+SAME_RMSE = c.about("rms with (40) over rms without", 1.0, "", "paper: nearly unchanged", c.UNCHANGED)
+IN_BAND = c.Bound("largest error with NDO", 0.15, "km/h", "paper, without (40)")
+QUIETER_THAN_PID = c.ratio("change of the error, NDO over PID", c.MUCH_BETTER, "paper: clearly larger with PID")
+QUIETER_THAN_SMC = c.ratio("change of the error, NDO over SMC", c.MUCH_BETTER, "paper: clearly larger with SMC")
 STATIC_FORCE = TRACTION * (1.0 - LOCOMOTIVE / TRAIN) / 1e3
 """Force of the first coupler at full traction without resistance and oscillation, F (M - m_0)/M [kN]."""
-CARRIED = Bound("largest coupler force", STATIC_FORCE, "kN", "closed form F (M - m_0)/M at full traction")
-BRAKED = Bound("largest error with the air brake", 0.15, "km/h", "paper: band of RBFNN-SMC, held with 461 kN at most")
-UNBRAKED = Bound("largest error without it", 0.15, "km/h", "the same band, lost with 461 kN alone", least=True)
-SMOOTHER = ratio("rms step of SMC or RBFNN over PID", BETTER, "paper: smoother")
+CARRIED = c.Bound("largest coupler force", STATIC_FORCE, "kN", "closed form F (M - m_0)/M at full traction")
+BRAKED = c.Bound("largest error with the air brake", 0.15, "km/h", "paper: band of RBFNN-SMC, held with 461 kN at most")
+UNBRAKED = c.Bound("largest error without it", 0.15, "km/h", "the same band, lost with 461 kN alone", least=True)
+SMOOTHER = c.ratio("rms step of SMC or RBFNN over PID", c.BETTER, "paper: smoother")
 
 
 def _both(*keys: str) -> tuple[str, ...]:
     return tuple(f"{key}{suffix}" for key in keys for suffix in ("", " disturbed"))
 
 
-def band(result: Result) -> str:
+def band(result: c.Result) -> str:
     """Return the range of the speed error [km/h] as text."""
-    error = locomotive_speed_error(recording(result))
+    error = locomotive_speed_error(c.recording(result))
     return f"{error.min():+.3f} ... {error.max():+.3f}"
 
 
 @CLAIMS.judged_by("speed error of RBFNN-SMC", "within +-0.15 km/h", ("rbf", "rbf_ndo"))
-def network_band(results: Results) -> Judgement:
+def network_band(results: c.Results) -> c.Judgement:
     """Judge the bound of +-0.15 km/h of RBFNN-SMC."""
     printed, observed = results["rbf"], results["rbf_ndo"]
     text = f"{band(printed)} km/h, with NDO {band(observed)}"
-    check = NETWORK_BAND.check(worst((largest_kmh(printed), largest_kmh(observed))))
-    return conclude(text, [check], "ideal actuator, f_hat = f/1.01, as printed (ks = 0, inputs not clipped)")
+    check = NETWORK_BAND.check(c.worst((c.largest_kmh(printed), c.largest_kmh(observed))))
+    return c.conclude(text, [check], "ideal actuator, f_hat = f/1.01, as printed (ks = 0, inputs not clipped)")
 
 
 @CLAIMS.judged_by("speed error of SMC", "within +-0.2 km/h", ("smc",))
-def smc_band(results: Results) -> Judgement:
+def smc_band(results: c.Results) -> c.Judgement:
     """Judge the bound of +-0.2 km/h of SMC."""
     result = results["smc"]
     reason = "the driver's run here changes the force by 8 kN/s at most; that of the paper is not given"
-    return conclude(f"{band(result)} km/h", [SMC_BAND.check(largest_kmh(result))], reason)
+    return c.conclude(f"{band(result)} km/h", [SMC_BAND.check(c.largest_kmh(result))], reason)
 
 
 @CLAIMS.judged_by("speed error of PID, shaped like its force", "-0.15 ... 0.27 km/h", ("pid",))
-def pid_band(results: Results) -> Judgement:
+def pid_band(results: c.Results) -> c.Judgement:
     """Judge the bound -0.15 ... 0.27 km/h of PID and the likeness of its error to the force."""
     result = results["pid"]
-    error, force = locomotive_speed_error(recording(result)), recording(result).command[:, 0]
+    error, force = locomotive_speed_error(c.recording(result)), c.recording(result).command[:, 0]
     with np.errstate(invalid="ignore"):  # NaN for a constant
         likeness = float(np.corrcoef(error, force)[0, 1])
     checks = [PID_LOW.check(error.min()), PID_HIGH.check(error.max()), ALIKE.check(likeness)]
@@ -148,16 +132,19 @@ def pid_band(results: Results) -> Judgement:
         f"driver's force only: here {force.max() / 1e3:.0f} and {force.min() / 1e3:.0f} kN, 0.27 in the paper is "
         "750 kN; e = v - v_d here, the other sign in the paper"
     )
-    return conclude(f"{band(result)} km/h", checks, reason)
+    return c.conclude(f"{band(result)} km/h", checks, reason)
 
 
 @CLAIMS.judged_by(
-    "RBFNN-SMC tracks best, SMC second, PID worst", "order", ("pid", "smc", "rbf", "rbf_ndo", "rbf_ks", "smc_ks"), THREE
+    "RBFNN-SMC tracks best, SMC second, PID worst",
+    "order",
+    ("pid", "smc", "rbf", "rbf_ndo", "rbf_ks", "smc_ks"),
+    c.THREE,
 )
-def ranking(results: Results) -> Judgement:
+def ranking(results: c.Results) -> c.Judgement:
     """Judge the order RBFNN-SMC, SMC, PID."""
     keys = ("pid", "smc", "rbf", "rbf_ndo", "rbf_ks", "smc_ks")
-    pid, smc, rbf, observed, repaired, plain = (rms_kmh(results[key]) for key in keys)
+    pid, smc, rbf, observed, repaired, plain = (c.rms_kmh(results[key]) for key in keys)
     text = f"rms PID {pid:.3f}, SMC {smc:.4f}, RBFNN {rbf:.4f}, RBFNN + NDO {observed:.4f} km/h"
     text += f"; with ks SMC {plain:.4f}, RBFNN {repaired:.4f}"
     reason = (
@@ -166,27 +153,27 @@ def ranking(results: Results) -> Judgement:
     )
     here = [NETWORK_FIRST.check(rbf / smc), PID_LAST.check(smc / pid)]
     there = [NETWORK_FIRST_KS.check(repaired / plain), PID_LAST_KS.check(plain / pid)]
-    return conclude(text, here, "as printed", elsewhere=there, changed=reason, otherwise="another order")
+    return c.conclude(text, here, "as printed", elsewhere=there, changed=reason, otherwise="another order")
 
 
-def improvement(stated: float, suffix: str) -> Callable[[Results], Judgement]:
+def improvement(stated: float, suffix: str) -> Callable[[c.Results], c.Judgement]:
     """Return the judge of the stated improvement over SMC [%] for the runs with a suffix."""
-    printed = about("improvement over SMC", stated, "%", "paper")
-    with_ks = about("improvement over SMC, network alone, both with ks", stated, "%", "paper")
+    printed = c.about("improvement over SMC", stated, "%", "paper")
+    with_ks = c.about("improvement over SMC, network alone, both with ks", stated, "%", "paper")
 
-    def judge(results: Results) -> Judgement:
+    def judge(results: c.Results) -> c.Judgement:
         runs = {key.removesuffix(suffix): result for key, result in results.items()}
-        observed = gain(runs["rbf_ndo"], runs["smc"])
-        alone = gain(runs["rbf"], runs["smc"])
-        no_network = gain(runs["smc_ndo"], runs["smc"])
-        repaired = gain(runs["rbf_ks"], runs["smc_ks"])
+        observed = c.gain(runs["rbf_ndo"], runs["smc"])
+        alone = c.gain(runs["rbf"], runs["smc"])
+        no_network = c.gain(runs["smc_ndo"], runs["smc"])
+        repaired = c.gain(runs["rbf_ks"], runs["smc_ks"])
         text = f"{observed:.0f} % with network and NDO; network alone {alone:+.0f} %; with ks {repaired:+.0f} %"
         reason = (
             f"another figure in both settings. The NDO alone gives {no_network:.0f} %: at 1000 1/s it is a difference "
             "quotient, which includes the whole model error while FC_0 is measured without noise; the network alone "
             f"changes the rms of the printed law by {-alone:+.0f} %, and with a restoring term by {-repaired:+.0f} %"
         )
-        return conclude(
+        return c.conclude(
             text,
             [bound.check(observed) for bound in printed],
             "as stated",
@@ -203,31 +190,29 @@ for _percent, _suffix, _what in ((27.3, "", "without disturbance"), (28.9, " dis
         f"RBFNN-SMC with NDO is more accurate than SMC {_what}",
         f"{_percent} %",
         (f"{key}{_suffix}" for key in ("smc", "smc_ndo", "rbf", "rbf_ndo", "smc_ks", "rbf_ks")),
-        THREE,
+        c.THREE,
     )(improvement(_percent, _suffix))
 
 
 @CLAIMS.judged_by("RMSE with NDO unchanged by the disturbance", "nearly", _both("rbf_ndo", "smc"))
-def unchanged(results: Results) -> Judgement:
+def unchanged(results: c.Results) -> c.Judgement:
     """Judge the change of the RMSE with NDO by the disturbance."""
-    calm, rough = rms_kmh(results["rbf_ndo"]), rms_kmh(results["rbf_ndo disturbed"])
-    smc = rms_kmh(results["smc disturbed"]) - rms_kmh(results["smc"])
-    text = (
-        f"{calm:.4f} -> {rough:.4f} km/h (SMC {rms_kmh(results['smc']):.4f} -> {rms_kmh(results['smc disturbed']):.4f})"
-    )
+    calm, rough = c.rms_kmh(results["rbf_ndo"]), c.rms_kmh(results["rbf_ndo disturbed"])
+    smc_calm, smc_rough = c.rms_kmh(results["smc"]), c.rms_kmh(results["smc disturbed"])
+    text = f"{calm:.4f} -> {rough:.4f} km/h (SMC {smc_calm:.4f} -> {smc_rough:.4f})"
     reason = (
-        f"{rough / calm:.1f} times the rms; in km/h the change is {rough - calm:.4f}, that of SMC {smc:.4f}. The rest "
-        "is one sample of (40), with the first power of the speed (the printed third power is 400-600 kN on the "
-        "locomotive)"
+        f"{rough / calm:.1f} times the rms; in km/h the change is {rough - calm:.4f}, that of SMC "
+        f"{smc_rough - smc_calm:.4f}. The rest is one sample of (40), with the first power "
+        "of the speed (the printed third power is 400-600 kN on the locomotive)"
     )
     checks = [bound.check(rough / calm) for bound in SAME_RMSE]
-    return conclude(text, [*checks, IN_BAND.check(largest_kmh(results["rbf_ndo disturbed"]))], reason)
+    return c.conclude(text, [*checks, IN_BAND.check(c.largest_kmh(results["rbf_ndo disturbed"]))], reason)
 
 
 @CLAIMS.judged_by(
     "under (40) PID and SMC oscillate with it, the law with NDO does not", "figure 12", _both("pid", "smc", "rbf_ndo")
 )
-def oscillation(results: Results) -> Judgement:
+def oscillation(results: c.Results) -> c.Judgement:
     """Judge the oscillation by the disturbance: PID and SMC, but not the law with NDO."""
 
     def added(key: str) -> float:
@@ -242,38 +227,38 @@ def oscillation(results: Results) -> Judgement:
     checks = [
         QUIETER_THAN_PID.check(observed / pid),
         QUIETER_THAN_SMC.check(observed / smc),
-        IN_BAND.check(largest_kmh(results["rbf_ndo disturbed"])),
+        IN_BAND.check(c.largest_kmh(results["rbf_ndo disturbed"])),
     ]
-    return conclude(text, checks, reason)
+    return c.conclude(text, checks, reason)
 
 
-def _common(result: Result) -> Array:
+def _common(result: c.Result) -> Array:
     """Return the speed error every 0.05 s [km/h]."""
-    series = recording(result)
+    series = c.recording(result)
     stride = round(PERIOD / (series.time[1] - series.time[0]))
     return locomotive_speed_error(series)[::stride]
 
 
 @CLAIMS.judged_by("coupler forces stay in the safe range", "figure 10", ("pid", "smc", "rbf_ndo", "rbf_ndo disturbed"))
-def coupler_force_range(results: Results) -> Judgement:
+def coupler_force_range(results: c.Results) -> c.Judgement:
     """Judge the range of the coupler forces."""
     keys = ("pid", "smc", "rbf_ndo", "rbf_ndo disturbed")
-    high = worst(results[key].summary["coupler_draft_max_kn"] for key in keys)
-    low = least(results[key].summary["coupler_buff_max_kn"] for key in keys)
+    high = c.worst(results[key].summary["coupler_draft_max_kn"] for key in keys)
+    low = c.least(results[key].summary["coupler_buff_max_kn"] for key in keys)
     reason = (
         f"the paper has no bound; here it is the {STATIC_FORCE:.0f} kN that the first coupler carries at every full "
         "traction. The structural damping of the gears, 1e5 N s/m, is not in the paper and reduces the buff force"
     )
-    return conclude(f"{low:.0f} ... {high:+.0f} kN", [CARRIED.check(worst((high, -low)))], reason)
+    return c.conclude(f"{low:.0f} ... {high:+.0f} kN", [CARRIED.check(c.worst((high, -low)))], reason)
 
 
 @CLAIMS.judged_by("the air brake keeps the electric brake within 461 kN", "figure 9", ("rbf", "rbf unbraked"))
-def electric_brake(results: Results) -> Judgement:
+def electric_brake(results: c.Results) -> c.Judgement:
     """Judge the need of the air brake by the speed error that a limit of 461 kN leaves with and without it."""
     braked, unbraked = results["rbf"], results["rbf unbraked"]
-    errors = [largest_kmh(result) for result in (braked, unbraked)]
+    errors = [c.largest_kmh(result) for result in (braked, unbraked)]
     times = [float(result.summary["saturated_s"]) for result in (braked, unbraked)]
-    return conclude(
+    return c.conclude(
         f"with the air brake {errors[0]:.3f} km/h at most, {times[0]:.0f} s at the limit of the force; without it "
         f"{errors[1]:.3g} km/h, {times[1]:.0f} s",
         [BRAKED.check(errors[0]), UNBRAKED.check(errors[1])],
@@ -284,7 +269,7 @@ def electric_brake(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by("the control force changes more smoothly than PID's", "figure 9", ("pid", "smc", "rbf", "rbf_ndo"))
-def smoothness(results: Results) -> Judgement:
+def smoothness(results: c.Results) -> c.Judgement:
     """Judge the smoothness of the force against PID."""
     pid, smc, rbf, observed = (_steps(results[key]) for key in ("pid", "smc", "rbf", "rbf_ndo"))
     text = f"rms step over 0.05 s: PID {pid:.2f}, SMC {smc:.2f}, RBFNN {rbf:.2f}, RBFNN + NDO {observed:.2f} kN"
@@ -293,32 +278,32 @@ def smoothness(results: Results) -> Judgement:
         "measured FC_0 forward at once. The PID of the paper jumps because its coupler forces come from a table with "
         "jumps"
     )
-    return conclude(text, [SMOOTHER.check(worst((smc, rbf)) / pid)], reason)
+    return c.conclude(text, [SMOOTHER.check(c.worst((smc, rbf)) / pid)], reason)
 
 
-def _steps(result: Result) -> float:
-    series = recording(result)
+def _steps(result: c.Result) -> float:
+    series = c.recording(result)
     stride = round(PERIOD / (series.time[1] - series.time[0]))
     return float(np.sqrt(np.mean(np.diff(series.command[::stride, 0]) ** 2)) / 1e3)
 
 
 SETTLED = 5.0
 """Begin of the comparison of series, after the start of train and filters [s]."""
-DELTA = Bound("rms error of delta", 5e-5, "m/s²", "paper")
-DELTA_KS = Bound("rms error of delta with ks", 5e-5, "m/s²", "paper")
-PRECISE = ratio("rms miss over rms truth, 1000 1/s", REMOVED, "paper: precisely")
-PRECISE_SLOW = ratio("rms miss over rms truth, 20 1/s", REMOVED, "paper: precisely")
-HELPS = ratio("rms RBFNN over SMC at f/1.01", BETTER, "implied: improves")
-HELPS_BECAUSE = ratio("that ratio over the one with exact f", 1.0, "implied: because f is wrong")
-HELPS_KS = ratio("rms RBFNN over SMC at f/1.01, both with ks", BETTER, "implied: improves")
+DELTA = c.Bound("rms error of delta", 5e-5, "m/s²", "paper")
+DELTA_KS = c.Bound("rms error of delta with ks", 5e-5, "m/s²", "paper")
+PRECISE = c.ratio("rms miss over rms truth, 1000 1/s", c.REMOVED, "paper: precisely")
+PRECISE_SLOW = c.ratio("rms miss over rms truth, 20 1/s", c.REMOVED, "paper: precisely")
+HELPS = c.ratio("rms RBFNN over SMC at f/1.01", c.BETTER, "implied: improves")
+HELPS_BECAUSE = c.ratio("that ratio over the one with exact f", 1.0, "implied: because f is wrong")
+HELPS_KS = c.ratio("rms RBFNN over SMC at f/1.01, both with ks", c.BETTER, "implied: improves")
 
 
-@CLAIMS.judged_by("the network estimates delta", "within 5e-5 m/s²", ("rbf", "rbf_ks"), THREE)
-def network_accuracy(results: Results) -> Judgement:
+@CLAIMS.judged_by("the network estimates delta", "within 5e-5 m/s²", ("rbf", "rbf_ks"), c.THREE)
+def network_accuracy(results: c.Results) -> c.Judgement:
     """Judge the accuracy of the network, 5e-5 m/s² for delta."""
     printed = _network_errors(results["rbf"], RbfSmcParameters(**PRINTED_NETWORK))
     repaired = _network_errors(results["rbf_ks"], RbfSmcParameters())
-    size = float(np.std(unexplained(recording(results["rbf"]), PERIOD, 0.01)))
+    size = float(np.std(unexplained(c.recording(results["rbf"]), PERIOD, 0.01)))
     rms_printed, rms_repaired = (float(np.sqrt(np.mean(errors**2))) for errors in (printed, repaired))
     share = 100.0 * float(np.mean(np.abs(repaired) <= 5e-5))
     text = f"rms {rms_printed:.1e} m/s² as printed, {rms_repaired:.1e} with ks and clipped inputs"
@@ -327,11 +312,11 @@ def network_accuracy(results: Results) -> Judgement:
         f"delta = 0.0099 f itself has {size:.1e} m/s² rms, because f contains the force of the first coupler, up to "
         f"{pull:.0f} kN on 184 t; learning at 0.01 S h cannot follow it (within 5e-5 in {share:.1f} % of the time)"
     )
-    return conclude(text, [DELTA.check(rms_printed)], reason, elsewhere=[DELTA_KS.check(rms_repaired)])
+    return c.conclude(text, [DELTA.check(rms_printed)], reason, elsewhere=[DELTA_KS.check(rms_repaired)])
 
 
-def _network_errors(result: Result, parameters: RbfSmcParameters) -> Array:
-    run = recording(result)
+def _network_errors(result: c.Result, parameters: RbfSmcParameters) -> Array:
+    run = c.recording(result)
     error = network_estimate(run, parameters, PERIOD) - unexplained(run, PERIOD, 0.01)
     return np.asarray(error[run.time > SETTLED])
 
@@ -345,26 +330,26 @@ def _miss(time: Array, found: Array, truth: Array) -> float:
     "the NDO observes the fast disturbance",
     "precisely",
     ("rbf_ndo disturbed", "rbf_ks_ndo disturbed", "ndo 1000 noise", "ndo 20 noise"),
-    THREE,
+    c.THREE,
 )
-def estimate_accuracy(results: Results) -> Judgement:
+def estimate_accuracy(results: c.Results) -> c.Judgement:
     """Judge the accuracy of the observer for the fast disturbance."""
     texts, shares = [], []
     for key, label in (("rbf_ndo disturbed", "1000"), ("rbf_ks_ndo disturbed", "20")):
-        run = recording(results[key])
+        run = c.recording(results[key])
         truth = unexplained(run, PERIOD, 0.01, disturbance_40(run, PERIOD))
         miss, size = _miss(run.time, run.estimate[:, 0] / LOCOMOTIVE, truth), float(np.std(truth))
         shares.append(miss / size)
         texts.append(f"{miss:.1e} at {label} 1/s")
-    noisy = rms_kmh(results["ndo 1000 noise"]) / rms_kmh(results["ndo 20 noise"])
-    forces = [variation(results[f"ndo {omega} noise"]) for omega in (1000, 20)]
+    noisy = c.rms_kmh(results["ndo 1000 noise"]) / c.rms_kmh(results["ndo 20 noise"])
+    forces = [c.variation(results[f"ndo {omega} noise"]) for omega in (1000, 20)]
     reason = (
         f"truth (disturbance and model error of the locomotive) {size:.1e} m/s² rms; the estimate is a sample late; "
         f"with 0.01 m/s of speed noise 1000 1/s costs {noisy:.1f} times the error of 20 1/s "
         f"and {forces[0]:.0f} kN/s of "
         f"command against {forces[1]:.0f}"
     )
-    return conclude(
+    return c.conclude(
         f"rms miss {', '.join(texts)} m/s²",
         [PRECISE.check(shares[0])],
         reason,
@@ -376,13 +361,13 @@ def estimate_accuracy(results: Results) -> Judgement:
     "the network improves SMC because f is 1 % wrong",
     "implied",
     ("smc", "rbf", "smc exact", "rbf exact", "smc_ks", "rbf_ks"),
-    THREE,
+    c.THREE,
 )
-def exact_model(results: Results) -> Judgement:
+def exact_model(results: c.Results) -> c.Judgement:
     """Judge the dependence of the benefit of the network on the 1 % model error."""
     pairs = (("smc", "rbf"), ("smc exact", "rbf exact"), ("smc_ks", "rbf_ks"))
-    wrong, right, repaired = (rms_kmh(results[network]) / rms_kmh(results[plain]) for plain, network in pairs)
-    texts = [f"{rms_kmh(results[plain]):.4f}, {rms_kmh(results[network]):.4f}" for plain, network in pairs]
+    wrong, right, repaired = (c.rms_kmh(results[network]) / c.rms_kmh(results[plain]) for plain, network in pairs)
+    texts = [f"{c.rms_kmh(results[plain]):.4f}, {c.rms_kmh(results[network]):.4f}" for plain, network in pairs]
     text = f"SMC, RBFNN: f/1.01 {texts[0]}; f exact {texts[1]}; f/1.01 and ks {texts[2]} km/h rms"
     unknown = 0.01 * results["smc"].summary["coupler_draft_max_kn"] * 1e3 / LOCOMOTIVE
     reason = (
@@ -390,7 +375,7 @@ def exact_model(results: Results) -> Judgement:
         f"with an exact one (as additional integral action): because of FC_0, 1 % of f is up to {unknown:.2f} m/s², "
         f"much for its five narrow basis functions. Beside a restoring term ks S it has {100 * repaired:.0f} %"
     )
-    return conclude(
+    return c.conclude(
         text,
         [HELPS.check(wrong), HELPS_BECAUSE.check(wrong / right)],
         "as stated",

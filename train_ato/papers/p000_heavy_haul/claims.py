@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
-from train_ato.papers.checks import largest_kmh, printed_forms_table, recording, rms_kmh, variation
-from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
+from train_ato.papers import claims as c
 from train_ato.papers.drawing import HELD, Series, between, inset, panel_grid, panels, save, trace
 from train_ato.papers.p000_heavy_haul import cases, checks, lag_checks
 from train_ato.papers.p000_heavy_haul.checks import (
@@ -27,7 +26,7 @@ ZOOM = (1302.0, 1312.0)
 """Start of the effect of the first air-brake application [s]."""
 
 
-def draw(results: Results, folder: Path) -> list[FigureFile]:
+def draw(results: c.Results, folder: Path) -> list[c.FigureFile]:
     """Draw the figures of paper 000 into a folder; return them."""
     return [
         _tracking(results, folder, "", "5-6"),
@@ -36,17 +35,17 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
     ]
 
 
-def _errors(results: Results, suffix: str) -> list[Series]:
-    runs = {label: recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
+def _errors(results: c.Results, suffix: str) -> list[Series]:
+    runs = {label: c.recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
     return [(label, run.time, locomotive_speed_error(run)) for label, run in runs.items()]
 
 
-def _tracking(results: Results, folder: Path, suffix: str, number: str) -> FigureFile:
+def _tracking(results: c.Results, folder: Path, suffix: str, number: str) -> c.FigureFile:
     name = "with disturbance (40)" if suffix else "undisturbed"
     figure, (speed, error) = panels(2, f"figures {number}: speed tracking, ideal actuator, {name}", height=3.6)
-    reference = recording(results[f"smc{suffix}"])
+    reference = c.recording(results[f"smc{suffix}"])
     driver: Series = ("driver's run", reference.time, 3.6 * reference.reference_velocity)
-    runs = {label: recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
+    runs = {label: c.recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
     trace(speed, lines, "speed in km/h", reference=driver)
     speed.legend(loc="lower right", ncols=5, fontsize="small")
@@ -58,7 +57,7 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Figur
     return save(figure, folder / f"paper000_tracking{suffix.replace(' ', '_')}.png")
 
 
-def _network(results: Results, folder: Path) -> FigureFile:
+def _network(results: c.Results, folder: Path) -> c.FigureFile:
     caption = "figures 7-8: network estimate of delta = f - f_hat; left the whole run, right 30 s"
     figure, axes = panel_grid(caption, 4, 2, height=2.3, width=15)
     settings = (
@@ -66,7 +65,7 @@ def _network(results: Results, folder: Path) -> FigureFile:
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
     )
     for row, (key, label, parameters) in enumerate(settings):
-        run = recording(results[key])
+        run = c.recording(results[key])
         truth = unexplained(run, cases.PERIOD, 0.01)
         found = network_estimate(run, parameters, cases.PERIOD)
         for column, (begin, end) in enumerate(((0.0, run.time[-1]), NETWORK_DETAIL)):
@@ -87,9 +86,9 @@ def _network(results: Results, folder: Path) -> FigureFile:
     return save(figure, folder / "paper000_network.png")
 
 
-def _force(results: Results, folder: Path) -> FigureFile:
+def _force(results: c.Results, folder: Path) -> c.FigureFile:
     figure, (force, detail) = panels(2, "figure 9: control force of the locomotive", height=3.4, shared=False)
-    runs = {label: recording(results[key]) for key, label in LAWS.items()}
+    runs = {label: c.recording(results[key]) for key, label in LAWS.items()}
     lines: list[Series] = [(label, run.time, run.command[:, 0] / 1e3) for label, run in runs.items()]
     trace(force, lines, "force in kN", **HELD)
     force.set_xlabel("time in min")
@@ -98,11 +97,11 @@ def _force(results: Results, folder: Path) -> FigureFile:
     return save(figure, folder / "paper000_force.png")
 
 
-def _couplers(results: Results, folder: Path) -> FigureFile:
+def _couplers(results: c.Results, folder: Path) -> c.FigureFile:
     figure, axes = panels(2, "figure 10: coupler forces, draft > 0", height=3.2)
     titles = (("rbf_ndo", "RBFNN-SMC + NDO, ideal"), ("twin_pid disturbed", "twin + PID, lag 0.4 s, delay 0.8 s, (40)"))
     for panel, (key, title) in zip(axes, titles, strict=True):
-        run = recording(results[key])
+        run = c.recording(results[key])
         panel.fill_between(
             run.time / 60, run.coupler_buff_max / 1e3, run.coupler_draft_max / 1e3, color="0.6", alpha=0.35, lw=0
         )
@@ -114,10 +113,10 @@ def _couplers(results: Results, folder: Path) -> FigureFile:
     return save(figure, folder / "paper000_couplers.png")
 
 
-def _observer(results: Results, folder: Path) -> FigureFile:
+def _observer(results: c.Results, folder: Path) -> c.FigureFile:
     figure, (whole, detail) = panels(2, "NDO against the truth, disturbance (40)", height=3.2, shared=False)
-    run = recording(results["rbf_ndo disturbed"])
-    slow = recording(results["rbf_ks_ndo disturbed"])
+    run = c.recording(results["rbf_ndo disturbed"])
+    slow = c.recording(results["rbf_ks_ndo disturbed"])
     truth = unexplained(run, cases.PERIOD, 0.01, disturbance_40(run, cases.PERIOD))
     lines: list[Series] = [
         ("truth", run.time, truth),
@@ -131,22 +130,22 @@ def _observer(results: Results, folder: Path) -> FigureFile:
     return save(figure, folder / "paper000_observer.png")
 
 
-def _limit(results: Results, folder: Path) -> FigureFile:
+def _limit(results: c.Results, folder: Path) -> c.FigureFile:
     caption = (
         "printed SMC with a pure delay; limit of the rigid train: 0.17 s, the flexible train oscillates from 0.1 s on"
     )
     figure, (error, force) = panels(2, caption, height=3.2)
-    runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in cases.LIMIT_DELAYS}
+    runs = {f"{delay:g} s": c.recording(results[f"smc delay {delay}"]) for delay in cases.LIMIT_DELAYS}
     trace(error, [(name, run.time, locomotive_speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in s")
     return save(figure, folder / "paper000_delay_limit.png")
 
 
-def _twin(results: Results, folder: Path) -> FigureFile:
+def _twin(results: c.Results, folder: Path) -> c.FigureFile:
     title = "train of the paper with lag 0.4 s and delay 0.8 s: twin + PID"
     figure, (speed, error, force) = panels(3, title, height=3.0)
-    runs = {label: recording(results[f"twin_pid {key}"]) for key, (label, _) in cases.LAGGED_TRAINS.items()}
+    runs = {label: c.recording(results[f"twin_pid {key}"]) for key, (label, _) in cases.LAGGED_TRAINS.items()}
     first = next(iter(runs.values()))
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
     trace(speed, lines, "speed in km/h", reference=("driver's run", first.time, 3.6 * first.reference_velocity))
@@ -170,14 +169,14 @@ INDEPENDENT_LAGGED: Mapping[str, tuple[str, str, str, str]] = {
 }
 
 
-def _pair(results: Results, key: str) -> str:
+def _pair(results: c.Results, key: str) -> str:
     result = results[key]
     if result.failure:
         return result.failure
-    return f"{rms_kmh(result):.4f}; {largest_kmh(result):.2f}"
+    return f"{c.rms_kmh(result):.4f}; {c.largest_kmh(result):.2f}"
 
 
-def _ideal_rows(results: Results) -> list[tuple[Any, ...]]:
+def _ideal_rows(results: c.Results) -> list[tuple[Any, ...]]:
     return [
         (
             label,
@@ -185,13 +184,13 @@ def _ideal_rows(results: Results) -> list[tuple[Any, ...]]:
             INDEPENDENT_IDEAL.get(key, ("", ""))[0],
             _pair(results, f"{key} disturbed"),
             INDEPENDENT_IDEAL.get(key, ("", ""))[1],
-            f"{variation(results[key]):.1f}",
+            f"{c.variation(results[key]):.1f}",
         )
         for key, (label, _) in cases.IDEAL_LAWS.items()
     ]
 
 
-def _lagged_rows(results: Results) -> list[tuple[Any, ...]]:
+def _lagged_rows(results: c.Results) -> list[tuple[Any, ...]]:
     rows = []
     for key, (label, _) in cases.LAGGED_LAWS.items():
         row = [label]
@@ -200,23 +199,23 @@ def _lagged_rows(results: Results) -> list[tuple[Any, ...]]:
         runs = [results[f"{key} {train}"] for train in cases.LAGGED_TRAINS]
         low = min(run.summary["coupler_buff_max_kn"] for run in runs)
         high = max(run.summary["coupler_draft_max_kn"] for run in runs)
-        rows.append((*row, f"{low:.0f} ... {high:+.0f}", f"{max(variation(run) for run in runs):.1f}"))
+        rows.append((*row, f"{low:.0f} ... {high:+.0f}", f"{max(c.variation(run) for run in runs):.1f}"))
     return rows
 
 
-PAPER = Paper(
+PAPER = c.Paper(
     number="000",
     title="heavy-haul train, multi-mass model, RBFNN sliding mode and disturbance observer",
     cases=cases.CASES,
     claims=[*checks.CLAIMS, *lag_checks.CLAIMS],
     figures=draw,
     tables=(
-        CaseTable(
+        c.CaseTable(
             "ideal actuator, f_hat = f/1.01: rms; largest speed error in km/h",
             ("law", "undisturbed", "independent", "with (40)", "independent", "kN/s"),
             _ideal_rows,
         ),
-        CaseTable(
+        c.CaseTable(
             "lag 0.4 s, delay 0.8 s: rms; largest speed error in km/h, couplers in kN, largest variation in kN/s (last "
             "row: the independent figures are of another law on that prediction)",
             (
@@ -227,6 +226,6 @@ PAPER = Paper(
             ),
             _lagged_rows,
         ),
-        printed_forms_table(cases.PRINTED_FORMS),
+        c.printed_forms_table(cases.PRINTED_FORMS),
     ),
 )

@@ -4,67 +4,52 @@ import math
 
 import numpy as np
 
-from train_ato.papers.checks import GOAL, conclude, largest_kmh, recording, rms_kmh, variation
-from train_ato.papers.claims import (
-    BETTER,
-    MUCH_BETTER,
-    REMOVED,
-    ROBUST,
-    THREE,
-    Bound,
-    Check,
-    Claims,
-    Judgement,
-    Result,
-    Results,
-    ratio,
-    worst,
-)
+from train_ato.papers import claims as c
 from train_ato.papers.p001_metro.cases import FAST_PHI, INERTIA, RATE, SWEEP, TRAINS
 
-CLAIMS = Claims()
+CLAIMS = c.Claims()
 CORRECTED = "only with the corrected network (objective s²/2, input s, clipped); as printed it drifts"
 LITERAL_SETTINGS = ("ideal literal", "literal nominal")
 """Runs of the network as printed: ideal actuator; lag and delay."""
-PRECISE = ratio("rms as printed over PID", MUCH_BETTER, "paper: significantly")
-PRECISE_RBF = ratio("rms corrected over PID", MUCH_BETTER, "paper: significantly")
-OVERSHOOT = ratio("overshoot as printed over PID", MUCH_BETTER, "paper: clearly improved")
-OVERSHOOT_RBF = ratio("overshoot corrected over PID", MUCH_BETTER, "paper: clearly improved")
-REJECTS = ratio("rms disturbed as printed over PID, ideal", MUCH_BETTER, "paper: significantly")
-REJECTS_RBF = ratio("rms disturbed corrected over PID, lag and delay", MUCH_BETTER, "paper: significantly")
+PRECISE = c.ratio("rms as printed over PID", c.MUCH_BETTER, "paper: significantly")
+PRECISE_RBF = c.ratio("rms corrected over PID", c.MUCH_BETTER, "paper: significantly")
+OVERSHOOT = c.ratio("overshoot as printed over PID", c.MUCH_BETTER, "paper: clearly improved")
+OVERSHOOT_RBF = c.ratio("overshoot corrected over PID", c.MUCH_BETTER, "paper: clearly improved")
+REJECTS = c.ratio("rms disturbed as printed over PID, ideal", c.MUCH_BETTER, "paper: significantly")
+REJECTS_RBF = c.ratio("rms disturbed corrected over PID, lag and delay", c.MUCH_BETTER, "paper: significantly")
 UNSTEADY, UNSTEADY_IDEAL = (
-    Bound(f"rms of PID disturbed over undisturbed, {actuator}", ROBUST, "", "paper: not robust", least=True)
+    c.Bound(f"rms of PID disturbed over undisturbed, {actuator}", c.ROBUST, "", "paper: not robust", least=True)
     for actuator in ("lag and delay", "ideal")
 )
 """A loop that loses its stability exceeds them as well."""
-COMPENSATED = ratio("rms with Padé over none", MUCH_BETTER, "paper: compensated")
-USABLE = Bound("rms with lag and delay", 0.05, "m/s", "goal of this project at any delay")
-USABLE_IDEAL = Bound("rms with an ideal actuator", 0.05, "m/s", "goal of this project at any delay")
+COMPENSATED = c.ratio("rms with Padé over none", c.MUCH_BETTER, "paper: compensated")
+USABLE = c.Bound("rms with lag and delay", 0.05, "m/s", "goal of this project at any delay")
+USABLE_IDEAL = c.Bound("rms with an ideal actuator", 0.05, "m/s", "goal of this project at any delay")
 
 
-def rms_ms(result: Result) -> float:
+def rms_ms(result: c.Result) -> float:
     """Return the rms speed error [m/s]."""
-    return rms_kmh(result) / 3.6
+    return c.rms_kmh(result) / 3.6
 
 
-def largest_ms(result: Result) -> float:
+def largest_ms(result: c.Result) -> float:
     """Return the largest speed error [m/s]."""
-    return largest_kmh(result) / 3.6
+    return c.largest_kmh(result) / 3.6
 
 
-def shaking(result: Result) -> float:
+def shaking(result: c.Result) -> float:
     """Return the variation of the command per inertial mass [m/s² per s]."""
-    return variation(result) * 1e3 / INERTIA
+    return c.variation(result) * 1e3 / INERTIA
 
 
-def pair(result: Result) -> str:
+def pair(result: c.Result) -> str:
     """Return rms and largest speed error as text [m/s]."""
     return f"{rms_ms(result):.4f} / {largest_ms(result):.3f}"
 
 
-def rms_check(bound: Bound, result: Result, other: Result) -> Check:
+def rms_check(bound: c.Bound, result: c.Result, other: c.Result) -> c.Check:
     """Return the check of the ratio of two rms errors."""
-    return bound.check(rms_kmh(result) / rms_kmh(other))
+    return bound.check(c.rms_kmh(result) / c.rms_kmh(other))
 
 
 @CLAIMS.judged_by(
@@ -74,9 +59,9 @@ def rms_check(bound: Bound, result: Result, other: Result) -> Check:
         *("ideal pid", "ideal pid_known", "ideal rbf", "pid nominal", "pid_preview nominal", "rbf nominal"),
         *LITERAL_SETTINGS,
     ),
-    THREE,
+    c.THREE,
 )
-def accuracy(results: Results) -> Judgement:
+def accuracy(results: c.Results) -> c.Judgement:
     """Judge the tracking against PID, ideal and with lag and delay."""
     pid, known, rbf, literal = (results[f"ideal {key}"] for key in ("pid", "pid_known", "rbf", "literal"))
     slow_pid, slow_rbf, slow_literal = (results[f"{key} nominal"] for key in ("pid", "rbf", "literal"))
@@ -89,7 +74,7 @@ def accuracy(results: Results) -> Judgement:
         f"{pair(known)} (ideal) and {pair(results['pid_preview nominal'])} (lag, delay): the advantage is that of the "
         "equivalent control"
     )
-    return conclude(
+    return c.conclude(
         text,
         [rms_check(PRECISE, literal, pid), rms_check(PRECISE, slow_literal, slow_pid)],
         "as printed",
@@ -103,9 +88,9 @@ def accuracy(results: Results) -> Judgement:
     "overshoot clearly improved where the regime changes",
     "figures 4-7",
     ("ideal pid", "ideal rbf", "pid nominal", "rbf nominal", *LITERAL_SETTINGS),
-    THREE,
+    c.THREE,
 )
-def overshoot(results: Results) -> Judgement:
+def overshoot(results: c.Results) -> c.Judgement:
     """Judge the overshoot at changes of the driving regime, ideal and with lag and delay."""
     pid, rbf, literal = (_overshoot(results[f"{key} nominal"]) for key in ("pid", "rbf", "literal"))
     ideal = [_overshoot(results[f"ideal {key}"]) for key in ("pid", "rbf", "literal")]
@@ -113,7 +98,7 @@ def overshoot(results: Results) -> Judgement:
         f"ideal {ideal[0]:.3f} -> {ideal[1]:.4f}, as printed {ideal[2]:.3g}; with lag and delay {pid:.3f} -> "
         f"{rbf:.4f}, as printed {literal:.3g} m/s"
     )
-    return conclude(
+    return c.conclude(
         text,
         [OVERSHOOT.check(ideal[2] / ideal[0]), OVERSHOOT.check(literal / pid)],
         "largest v - v_d in the 10 s after an acceleration or a braking ends",
@@ -122,9 +107,9 @@ def overshoot(results: Results) -> Judgement:
     )
 
 
-def _overshoot(result: Result) -> float:
+def _overshoot(result: c.Result) -> float:
     """Return the largest error beyond the cruising speed in the 10 s after it is reached [m/s]."""
-    run = recording(result)
+    run = c.recording(result)
     accelerating = np.sign(np.round(run.reference_acceleration, 6))
     ends = np.flatnonzero((accelerating[:-1] != 0) & (accelerating[1:] == 0) & (run.reference_velocity[1:] > 1.0))
     span = round(10.0 / (run.time[1] - run.time[0]))
@@ -139,9 +124,9 @@ def _overshoot(result: Result) -> float:
         *("ideal pid disturbed", "ideal rbf disturbed", "ideal literal disturbed"),
         *("pid disturbed", "pid_preview disturbed", "rbf disturbed"),
     ),
-    THREE,
+    c.THREE,
 )
-def disturbance(results: Results) -> Judgement:
+def disturbance(results: c.Results) -> c.Judgement:
     """Judge the disturbance rejection against PID."""
     pid, known, rbf = results["pid disturbed"], results["pid_preview disturbed"], results["rbf disturbed"]
     ideal_pid, ideal_rbf, literal = (results[f"ideal {key} disturbed"] for key in ("pid", "rbf", "literal"))
@@ -151,11 +136,11 @@ def disturbance(results: Results) -> Judgement:
     )
     reason = (
         f"{CORRECTED}; with lag and delay. Grades up to 24 per mille, gusts and noise are not in the nominal model. "
-        f"Against a PID with the same preview {rms_kmh(rbf) / rms_kmh(known):.2f} of the rms, by a higher gain; with "
-        f"an ideal actuator {rms_kmh(ideal_rbf) / rms_kmh(ideal_pid):.2f} of that of PID"
+        f"Against a PID with the same preview {c.rms_kmh(rbf) / c.rms_kmh(known):.2f} of the rms, by a higher gain; "
+        f"with an ideal actuator {c.rms_kmh(ideal_rbf) / c.rms_kmh(ideal_pid):.2f} of that of PID"
     )
     here, there = [rms_check(REJECTS, literal, ideal_pid)], [rms_check(REJECTS_RBF, rbf, pid)]
-    return conclude(text, here, "as printed", elsewhere=there, changed=reason)
+    return c.conclude(text, here, "as printed", elsewhere=there, changed=reason)
 
 
 @CLAIMS.judged_by(
@@ -163,11 +148,11 @@ def disturbance(results: Results) -> Judgement:
     "figures 4, 5",
     ("ideal pid", "ideal pid disturbed", "pid nominal", "pid disturbed"),
 )
-def instability(results: Results) -> Judgement:
+def instability(results: c.Results) -> c.Judgement:
     """Judge the growth of the error of PID by the disturbance."""
     ideal, ideal_disturbed = results["ideal pid"], results["ideal pid disturbed"]
     slow, slow_disturbed = results["pid nominal"], results["pid disturbed"]
-    return conclude(
+    return c.conclude(
         f"ideal {pair(ideal)}, disturbed {pair(ideal_disturbed)}; with lag and delay {pair(slow)}, disturbed "
         f"{pair(slow_disturbed)} m/s",
         [rms_check(UNSTEADY_IDEAL, ideal_disturbed, ideal), rms_check(UNSTEADY, slow_disturbed, slow)],
@@ -182,7 +167,7 @@ def instability(results: Results) -> Judgement:
     "compensated",
     ("rbf none", "rbf pade", "rbf nominal", "rbf_predictor nominal"),
 )
-def delay_compensation(results: Results) -> Judgement:
+def delay_compensation(results: c.Results) -> c.Judgement:
     """Judge the accuracy with the delay compensation of (4), (5)."""
     none, pade, preview, predictor = (
         results[key] for key in ("rbf none", "rbf pade", "rbf nominal", "rbf_predictor nominal")
@@ -193,19 +178,19 @@ def delay_compensation(results: Results) -> Judgement:
         "and measured "
         "derivatives the loop is unstable. The exact preview is better, the predictor best"
     )
-    return conclude(text, [rms_check(COMPENSATED, pade, none)], reason)
+    return c.conclude(text, [rms_check(COMPENSATED, pade, none)], reason)
 
 
 @CLAIMS.judged_by(
     "the sliding mode (9) with sgn(s) controls a train with lag and delay",
     "stable",
     ("sign nominal", "ideal sign"),
-    THREE,
+    c.THREE,
 )
-def relay(results: Results) -> Judgement:
+def relay(results: c.Results) -> c.Judgement:
     """Judge the relay of (9) with lag and delay."""
     result = results["sign nominal"]
-    run = recording(result)
+    run = c.recording(result)
     part = (run.time > 330) & (run.time < 400)
     error = (run.front_velocity - run.reference_velocity)[part]
     crossings = run.time[part][1:][np.diff(error > error.mean())]
@@ -216,31 +201,31 @@ def relay(results: Results) -> Judgement:
         "tanh(s/phi) is usable"
     )
     there = [USABLE_IDEAL.check(rms_ms(results["ideal sign"]))]
-    return conclude(text, [USABLE.check(rms_ms(result))], reason, elsewhere=there)
+    return c.conclude(text, [USABLE.check(rms_ms(result))], reason, elsewhere=there)
 
 
-SHAKING = ratio("variation as printed over sgn(s), 50 ms", REMOVED, "paper: removed")
-SHAKING_RBF = ratio("variation corrected over sgn(s)", REMOVED, "paper: removed")
-KEPT = ratio("rms as printed over sgn(s), 50 ms", 1.0, "tracking kept")
-KEPT_RBF = ratio("rms corrected over sgn(s)", 1.0, "tracking kept")
+SHAKING = c.ratio("variation as printed over sgn(s), 50 ms", c.REMOVED, "paper: removed")
+SHAKING_RBF = c.ratio("variation corrected over sgn(s)", c.REMOVED, "paper: removed")
+KEPT = c.ratio("rms as printed over sgn(s), 50 ms", 1.0, "tracking kept")
+KEPT_RBF = c.ratio("rms corrected over sgn(s)", 1.0, "tracking kept")
 FACTOR_2 = "independent, disturbed without noise, within a factor of 2"
-SLOW_TICK, FAST_TICK = Bound("rms, 50 ms", 0.0022, "m/s", FACTOR_2), Bound("rms, 10 ms", 0.0008, "m/s", FACTOR_2)
-SLOW_TICK_FAST = Bound("rms, 50 ms, rate of the paper", 0.0022, "m/s", FACTOR_2)
-FAST_TICK_FAST = Bound("rms, 10 ms, rate of the paper", 0.0008, "m/s", FACTOR_2)
-DRIFT = Bound("largest position error", 5.0, "m", "convention for lost control")
-CHATTERING_GONE = ratio("variation as printed over sgn(s)", REMOVED, "paper: to 0")
-USEFUL = ratio("rms RBF over tanh, predictor and ESO", BETTER, "implied: improves")
-USEFUL_ALONE = ratio("rms RBF over tanh, preview alone", BETTER, "implied: improves")
-IDENTIFIES = ratio("rms with over without", BETTER, "implied: improves")
+SLOW_TICK, FAST_TICK = c.Bound("rms, 50 ms", 0.0022, "m/s", FACTOR_2), c.Bound("rms, 10 ms", 0.0008, "m/s", FACTOR_2)
+SLOW_TICK_FAST = c.Bound("rms, 50 ms, rate of the paper", 0.0022, "m/s", FACTOR_2)
+FAST_TICK_FAST = c.Bound("rms, 10 ms, rate of the paper", 0.0008, "m/s", FACTOR_2)
+DRIFT = c.Bound("largest position error", 5.0, "m", "convention for lost control")
+CHATTERING_GONE = c.ratio("variation as printed over sgn(s)", c.REMOVED, "paper: to 0")
+USEFUL = c.ratio("rms RBF over tanh, predictor and ESO", c.BETTER, "implied: improves")
+USEFUL_ALONE = c.ratio("rms RBF over tanh, preview alone", c.BETTER, "implied: improves")
+IDENTIFIES = c.ratio("rms with over without", c.BETTER, "implied: improves")
 
 
 @CLAIMS.judged_by(
     "the network removes the chattering of the sliding mode and keeps the tracking",
     "figure 7",
     ("ideal sign", "ideal rbf", "ideal tanh", "ideal literal", "ideal sign 10 ms", "ideal rbf 10 ms"),
-    THREE,
+    c.THREE,
 )
-def chattering(results: Results) -> Judgement:
+def chattering(results: c.Results) -> c.Judgement:
     """Judge the chattering and the tracking with the network."""
     parts, there = [], []
     for label, suffix in (("50 ms", ""), ("10 ms", " 10 ms")):
@@ -258,7 +243,7 @@ def chattering(results: Results) -> Judgement:
         "saturate the relay here, so it varies less than 2 k_w/Tc"
     )
     here = [SHAKING.check(shaking(literal) / shaking(sign)), rms_check(KEPT, literal, sign)]
-    return conclude("; ".join(parts), here, "as printed", elsewhere=there, changed=reason)
+    return c.conclude("; ".join(parts), here, "as printed", elsewhere=there, changed=reason)
 
 
 @CLAIMS.judged_by(
@@ -268,9 +253,9 @@ def chattering(results: Results) -> Judgement:
         *(f"ideal {key} no noise{suffix}" for key in ("rbf", "rbf fast") for suffix in ("", " 10 ms")),
         *("ideal rbf", "ideal rbf 10 ms"),
     ),
-    THREE,
+    c.THREE,
 )
-def ideal_figures(results: Results) -> Judgement:
+def ideal_figures(results: c.Results) -> c.Judgement:
     """Judge the rms of the corrected network against an independent implementation on the same disturbed line."""
     found = {
         key: [rms_ms(results[f"ideal {key} no noise{suffix}"]) for suffix in (" 10 ms", "")]
@@ -282,7 +267,7 @@ def ideal_figures(results: Results) -> Judgement:
         f"per sample, {quick_fast:.4f} and {quick_slow:.4f}; undisturbed {rms_ms(results['ideal rbf 10 ms']):.4f} and "
         f"{rms_ms(results['ideal rbf']):.4f}"
     )
-    return conclude(
+    return c.conclude(
         text,
         [FAST_TICK.check(fast), SLOW_TICK.check(slow)],
         "with the gains for lag and delay",
@@ -299,13 +284,13 @@ def ideal_figures(results: Results) -> Judgement:
     ("ideal literal", "ideal literal disturbed", "literal nominal", "ideal sign"),
     takes_failures=True,
 )
-def literal(results: Results) -> Judgement:
+def literal(results: c.Results) -> c.Judgement:
     """Judge the learning of the networks as printed."""
     labels = {"ideal literal": "ideal", "ideal literal disturbed": "ideal, disturbed", "literal nominal": "lag, delay"}
     drifts = {key: float(results[key].summary.get("position_error_max_m", math.inf)) for key in labels}
     parts = [f"{label} {results[key].failure or f'{drifts[key]:.0f} m'}" for key, label in labels.items()]
     failed = any(results[key].failure for key in labels)
-    checks = [DRIFT.check(math.inf if failed else worst(drifts.values()))]
+    checks = [DRIFT.check(math.inf if failed else c.worst(drifts.values()))]
     if not failed:
         checks.append(CHATTERING_GONE.check(shaking(results["ideal literal"]) / shaking(results["ideal sign"])))
     reason = (
@@ -314,7 +299,7 @@ def literal(results: Results) -> Judgement:
         "restored). A literal version of the independent implementation drifts 16-23 m and diverges with lag and "
         "delay: control is lost in both"
     )
-    return conclude("position error " + "; ".join(parts), checks, "as printed", otherwise=reason)
+    return c.conclude("position error " + "; ".join(parts), checks, "as printed", otherwise=reason)
 
 
 @CLAIMS.judged_by(
@@ -329,9 +314,9 @@ def literal(results: Results) -> Judgement:
         "rbf slower",
         "tanh slower",
     ),
-    THREE,
+    c.THREE,
 )
-def network_use(results: Results) -> Judgement:
+def network_use(results: c.Results) -> c.Judgement:
     """Judge the contribution of the network with lag and delay."""
     rbf, tanh, pid = (results[f"{key} disturbed"] for key in ("rbf", "tanh", "pid_preview"))
     rbf_p, tanh_p = results["rbf_predictor disturbed"], results["tanh_predictor disturbed"]
@@ -344,7 +329,7 @@ def network_use(results: Results) -> Judgement:
         f"than modelled this has a cost ({pair(results['rbf slower'])} against {pair(results['tanh slower'])} m/s). "
         "The improvement comes from preview, predictor and observer"
     )
-    return conclude(
+    return c.conclude(
         text,
         [rms_check(USEFUL, rbf_p, tanh_p), rms_check(USEFUL_ALONE, rbf, tanh)],
         "with and without predictor and observer",
@@ -357,48 +342,48 @@ def network_use(results: Results) -> Judgement:
 @CLAIMS.judged_by(
     "the identification network (14) improves the tracking", "implied", ("rbf disturbed", "rbf unidentified disturbed")
 )
-def identification(results: Results) -> Judgement:
+def identification(results: c.Results) -> c.Judgement:
     """Judge the contribution of the identification network."""
     used, unused = results["rbf disturbed"], results["rbf unidentified disturbed"]
     text = f"with {pair(used)}, without {pair(unused)} m/s"
     reason = "its only purpose is the sign of ds/du, which is + on every train and needs no network"
-    return conclude(text, [rms_check(IDENTIFIES, used, unused)], reason)
+    return c.conclude(text, [rms_check(IDENTIFIES, used, unused)], reason)
 
 
-DISTURBED, DISTURBED_LARGEST = Bound("rms", 0.03, "m/s", GOAL), Bound("largest", 0.13, "m/s", GOAL)
-RBF = Bound("rms", 0.045, "m/s", GOAL)
-NOMINAL = Bound("rms", 0.003, "m/s", GOAL)
-ANY_DELAY = Bound("largest rms", 0.05, "m/s", GOAL)
+DISTURBED, DISTURBED_LARGEST = c.Bound("rms", 0.03, "m/s", c.GOAL), c.Bound("largest", 0.13, "m/s", c.GOAL)
+RBF = c.Bound("rms", 0.045, "m/s", c.GOAL)
+NOMINAL = c.Bound("rms", 0.003, "m/s", c.GOAL)
+ANY_DELAY = c.Bound("largest rms", 0.05, "m/s", c.GOAL)
 INDEPENDENT = "independent"
-GAIN, GAIN_LARGEST = Bound("rms, gain 0.9", 0.043, "m/s", INDEPENDENT), Bound("largest", 0.41, "m/s", INDEPENDENT)
-SLOWER, SLOWER_LARGEST = Bound("rms, slower", 0.036, "m/s", INDEPENDENT), Bound("largest", 0.16, "m/s", INDEPENDENT)
-STOP = Bound("largest stop error", 0.05, "m", GOAL)
-OVERSPEED = Bound("largest overspeed", 0.5, "km/h", GOAL)
+GAIN, GAIN_LARGEST = c.Bound("rms, gain 0.9", 0.043, "m/s", INDEPENDENT), c.Bound("largest", 0.41, "m/s", INDEPENDENT)
+SLOWER, SLOWER_LARGEST = c.Bound("rms, slower", 0.036, "m/s", INDEPENDENT), c.Bound("largest", 0.16, "m/s", INDEPENDENT)
+STOP = c.Bound("largest stop error", 0.05, "m", c.GOAL)
+OVERSPEED = c.Bound("largest overspeed", 0.5, "km/h", c.GOAL)
 
 
 @CLAIMS.judged_by(
     "goal: disturbed, predictor and observer", "rms <= 0.03, largest <= 0.13 m/s", ("tanh_predictor disturbed",)
 )
-def goal_disturbed(results: Results) -> Judgement:
+def goal_disturbed(results: c.Results) -> c.Judgement:
     """Judge rms <= 0.03 and largest <= 0.13 m/s on the disturbed train."""
     result = results["tanh_predictor disturbed"]
     checks = [DISTURBED.check(rms_ms(result)), DISTURBED_LARGEST.check(largest_ms(result))]
-    return conclude(f"{pair(result)} m/s", checks, "tanh(s/1.2), predictor, ESO at 3 1/s")
+    return c.conclude(f"{pair(result)} m/s", checks, "tanh(s/1.2), predictor, ESO at 3 1/s")
 
 
 @CLAIMS.judged_by("goal: disturbed, rbf_switching_smc", "rms <= 0.045 m/s", ("rbf disturbed",))
-def goal_rbf(results: Results) -> Judgement:
+def goal_rbf(results: c.Results) -> c.Judgement:
     """Judge rms <= 0.045 m/s for `rbf_switching_smc` on the disturbed train."""
     result = results["rbf disturbed"]
-    return conclude(f"{rms_ms(result):.4f} m/s", [RBF.check(rms_ms(result))], "with preview alone, no observer")
+    return c.conclude(f"{rms_ms(result):.4f} m/s", [RBF.check(rms_ms(result))], "with preview alone, no observer")
 
 
 @CLAIMS.judged_by("goal: nominal", "rms <= 0.003 m/s", ("tanh_predictor nominal",))
-def goal_nominal(results: Results) -> Judgement:
+def goal_nominal(results: c.Results) -> c.Judgement:
     """Judge rms <= 0.003 m/s on the nominal train."""
     result = results["tanh_predictor nominal"]
     reason = "the largest error is at the end of the stop, where the electric brake has faded"
-    return conclude(f"{pair(result)} m/s", [NOMINAL.check(rms_ms(result))], reason)
+    return c.conclude(f"{pair(result)} m/s", [NOMINAL.check(rms_ms(result))], reason)
 
 
 @CLAIMS.judged_by(
@@ -406,7 +391,7 @@ def goal_nominal(results: Results) -> Judgement:
     "rms <= 0.05 m/s",
     (*(f"sweep {delay}" for delay in SWEEP), "tanh_predictor disturbed", "tanh_predictor long_delay", "rbf long_delay"),
 )
-def goal_delay(results: Results) -> Judgement:
+def goal_delay(results: c.Results) -> c.Judgement:
     """Judge rms <= 0.05 m/s up to a delay of 1.0 s."""
     runs = {float(key.split()[1]): rms_ms(result) for key, result in results.items() if key.startswith("sweep")}
     runs |= {0.3: rms_ms(results["tanh_predictor disturbed"]), 1.0: rms_ms(results["tanh_predictor long_delay"])}
@@ -415,7 +400,7 @@ def goal_delay(results: Results) -> Judgement:
         "gains as for 0.3 s, disturbed and with noise; without predictor "
         f"RBF + preview has {rms_ms(results['rbf long_delay']):.2f} at 1.0 s"
     )
-    return conclude(text, [ANY_DELAY.check(worst(runs.values()))], reason)
+    return c.conclude(text, [ANY_DELAY.check(c.worst(runs.values()))], reason)
 
 
 @CLAIMS.judged_by(
@@ -423,7 +408,7 @@ def goal_delay(results: Results) -> Judgement:
     "0.043 / 0.41 and 0.036 / 0.16 m/s (independent)",
     ("tanh_predictor mismatch", "tanh_predictor slower"),
 )
-def goal_mismatch(results: Results) -> Judgement:
+def goal_mismatch(results: c.Results) -> c.Judgement:
     """Judge the held-out trains against the figures of an independent implementation."""
     gain, slower = results["tanh_predictor mismatch"], results["tanh_predictor slower"]
     text = f"gain 0.9, resistance x10 {pair(gain)}; slower actuator {pair(slower)} m/s"
@@ -438,7 +423,7 @@ def goal_mismatch(results: Results) -> Judgement:
         SLOWER.check(rms_ms(slower)),
         SLOWER_LARGEST.check(largest_ms(slower)),
     ]
-    return conclude(text, checks, "at least as accurate as the independent one", otherwise=reason)
+    return c.conclude(text, checks, "at least as accurate as the independent one", otherwise=reason)
 
 
 @CLAIMS.judged_by(
@@ -446,14 +431,14 @@ def goal_mismatch(results: Results) -> Judgement:
     "within 0.05 m, overspeed < 0.5 km/h",
     tuple(f"tanh_predictor {train}" for train in TRAINS),
 )
-def goal_stop(results: Results) -> Judgement:
+def goal_stop(results: c.Results) -> c.Judgement:
     """Judge stop error, 0.05 m, and overspeed, 0.5 km/h, on all trains of the table."""
     runs = {train: results[f"tanh_predictor {train}"].summary for train in TRAINS}
     stops = {train: math.nan if run["stop_error_m"] is None else run["stop_error_m"] for train, run in runs.items()}
     fast = {train: run["overspeed_max_kmh"] for train, run in runs.items()}
     text = ", ".join(f"{train} {stops[train]:+.3f} m, {fast[train]:.2f} km/h" for train in TRAINS)
-    checks = [STOP.check(worst(abs(stop) for stop in stops.values())), OVERSPEED.check(worst(fast.values()))]
+    checks = [STOP.check(c.worst(abs(stop) for stop in stops.values())), OVERSPEED.check(c.worst(fast.values()))]
     missed = [train for train in TRAINS if not (STOP.check(abs(stops[train])).holds)]
     over = [train for train in TRAINS if not OVERSPEED.check(fast[train]).holds]
     reason = f"stop missed: {', '.join(missed) or 'none'}; overspeed: {', '.join(over) or 'none'}"
-    return conclude(text, checks, "the limit is the reference's own 80 km/h", otherwise=reason)
+    return c.conclude(text, checks, "the limit is the reference's own 80 km/h", otherwise=reason)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.messages.types import Array
-from train_ato.papers.checks import printed_forms_table, recording
-from train_ato.papers.claims import CaseTable, FigureFile, Paper, Result, Results
+from train_ato.papers.claims import CaseTable, FigureFile, Paper, Result, Results, printed_forms_table, recording
 from train_ato.papers.drawing import HELD, Series, between, inset, panels, save, trace
 from train_ato.papers.p001_metro import checks as judges
 from train_ato.papers.p001_metro.cases import CASES, INERTIA, LAWS, PRINTED_FORMS, TRAINS

@@ -6,19 +6,8 @@ from typing import Any
 import numpy as np
 
 from train_ato.messages.types import Array
-from train_ato.papers.checks import (
-    GOAL,
-    conclude,
-    largest,
-    mean_speed_error,
-    position_error,
-    rms,
-    speed_error,
-    time_within,
-    written,
-)
-from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import TENTH, THREE, Bound, Calculation, Claims, Judgement, Result, Results, about, worst
+from train_ato.papers import claims as c
+from train_ato.papers.claims import recording as series_of
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, RATIOS
 from train_ato.papers.p002_freight.observer_trials import JUMPS, fixed_time_bound, nominal_settling
 
@@ -27,42 +16,42 @@ STIFFNESS_KN = 160.0
 """Stiffness of a coupler [kN/m]."""
 MASS = 80e3
 """Mass of a car [kg]."""
-CLAIMS = Claims()
+CLAIMS = c.Claims()
 GAINS = {
     key: sum(fixed_time_bound(case.arguments["gain"]))
     for key, case in CASES.items()
-    if isinstance(case, Calculation) and case.function is nominal_settling
+    if isinstance(case, c.Calculation) and case.function is nominal_settling
 }
 """Bound (23) + (34) by case of the nominal error dynamics [s]."""
 IN_PLACE = 0.1
 """Position error of a settled car, a thousandth of the 108 m at the start [m]."""
 IN_STEP = 0.02 * 12.0
 """Speed error of a settled car, 2 % of the 12 m/s [m/s]."""
-FOLLOWS = about("settling time with gain 50", 1.7, "s", "paper: about")
-FOLLOWS_SLOW = about("settling time of the speed with gain 1.9", 1.7, "s", "paper: about")
+FOLLOWS = c.about("settling time with gain 50", 1.7, "s", "paper: about")
+FOLLOWS_SLOW = c.about("settling time of the speed with gain 1.9", 1.7, "s", "paper: about")
 FIXED_TIME = sum(fixed_time_bound(1.9))
 """Bound (23) + (34) of the gain 1.9 [s]."""
-FIXED = Bound("settling time of the train from 108 m and 748 m", FIXED_TIME, "s", "(23) + (34)")
-FIXED_NOMINAL = Bound("settling time over its bound, without limit", 1.0, "", "(23) + (34)")
-PLACE = Bound("position error", IN_PLACE, "m", "convention: a thousandth of 108 m")
-SPEED = Bound("rms v - v_r", IN_STEP, "m/s", "convention: 2 % of 12 m/s")
-MOTION = Bound("rms v + d1 - v_r", IN_STEP, "m/s", "convention: 2 % of 12 m/s")
-UNLOADED = Bound("stretch before and at both steps", IN_PLACE, "m", "convention: a thousandth of 108 m")
-UNLOADED_CALM = Bound("stretch without a jump of d21 and d12", IN_PLACE, "m", "convention: a thousandth of 108 m")
-STRETCH = about("stretch in the physical order", 150.0, "m", "paper", TENTH)
-STRETCH_PRINTED = about("stretch in the printed order", 150.0, "m", "paper", TENTH)
-FASTER = Bound("advantage over the PD", 5.0, "s", "paper", least=True)
+FIXED = c.Bound("settling time of the train from 108 m and 748 m", FIXED_TIME, "s", "(23) + (34)")
+FIXED_NOMINAL = c.Bound("settling time over its bound, without limit", 1.0, "", "(23) + (34)")
+PLACE = c.Bound("position error", IN_PLACE, "m", "convention: a thousandth of 108 m")
+SPEED = c.Bound("rms v - v_r", IN_STEP, "m/s", "convention: 2 % of 12 m/s")
+MOTION = c.Bound("rms v + d1 - v_r", IN_STEP, "m/s", "convention: 2 % of 12 m/s")
+UNLOADED = c.Bound("stretch before and at both steps", IN_PLACE, "m", "convention: a thousandth of 108 m")
+UNLOADED_CALM = c.Bound("stretch without a jump of d21 and d12", IN_PLACE, "m", "convention: a thousandth of 108 m")
+STRETCH = c.about("stretch in the physical order", 150.0, "m", "paper", c.TENTH)
+STRETCH_PRINTED = c.about("stretch in the printed order", 150.0, "m", "paper", c.TENTH)
+FASTER = c.Bound("advantage over the PD", 5.0, "s", "paper", least=True)
 
 
 def time_text(value: float) -> str:
     """Return a time with its unit as text."""
-    return written(value, "s")
+    return c.written(value, "s")
 
 
-def _settled(results: Results, key: str) -> float:
+def _settled(results: c.Results, key: str) -> float:
     """Return the settling time of the worst position error to 0.1 m, before the first speed step [s]."""
     recording = series_of(results[key])
-    return time_within(recording.time, position_error(recording, OFFSETS), IN_PLACE, end=JUMPS[0] - 0.005)
+    return c.time_within(recording.time, c.position_error(recording, OFFSETS), IN_PLACE, end=JUMPS[0] - 0.005)
 
 
 def _motion(recording: Any) -> Array:
@@ -71,21 +60,21 @@ def _motion(recording: Any) -> Array:
 
 
 @CLAIMS.judged_by(
-    "the cars' speed follows", "after 1.7 s, gain 50", ("ideal", "gain 1.9 from 108 m", "gain 50 from 108 m"), THREE
+    "the cars' speed follows", "after 1.7 s, gain 50", ("ideal", "gain 1.9 from 108 m", "gain 50 from 108 m"), c.THREE
 )
-def settling(results: Results) -> Judgement:
+def settling(results: c.Results) -> c.Judgement:
     """Judge the settling time of the speed, 1.7 s."""
     recording = series_of(results["ideal"])
     place = _settled(results, "ideal")
-    speed = time_within(recording.time, _motion(recording), IN_STEP, end=JUMPS[0] - 0.005)
+    speed = c.time_within(recording.time, _motion(recording), IN_STEP, end=JUMPS[0] - 0.005)
     nominal, printed = results["gain 1.9 from 108 m"].summary, results["gain 50 from 108 m"].summary
     measured = (
         f"gain 1.9: position within {IN_PLACE:g} m after {time_text(place)}, speed within {IN_STEP:g} m/s after "
-        f"{time_text(speed)}, force limited to {largest(recording.command) / MASS:.0f} m/s²; without limit "
+        f"{time_text(speed)}, force limited to {c.largest(recording.command) / MASS:.0f} m/s²; without limit "
         f"{time_text(nominal['settling'])} and {nominal['acceleration']:.2g} m/s². Gain 50: "
         f"{time_text(printed['settling'])}, {printed['acceleration']:.2g} m/s²"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [bound.check(printed["settling"]) for bound in FOLLOWS],
         "the printed gain gives the printed time",
@@ -100,10 +89,10 @@ def settling(results: Results) -> Judgement:
     "the settling time is bounded for any start, (23) + (34)",
     "fixed time",
     ("ideal", "printed order", *GAINS),
-    THREE,
+    c.THREE,
     takes_failures=True,
 )
-def bound(results: Results) -> Judgement:
+def bound(results: c.Results) -> c.Judgement:
     """Judge the bound of the settling time on the train with its force limit, from two starts."""
     rows = {key: results[key].summary["settling"] for key in GAINS}
     near, far = (results[f"gain 1.9 from {start} m"].summary["acceleration"] for start in (108, 748))
@@ -115,29 +104,29 @@ def bound(results: Results) -> Judgement:
         ]
         + [f"{key}: {time_text(time)} of {time_text(GAINS[key])}" for key, time in rows.items()]
     )
-    return conclude(
+    return c.conclude(
         measured,
-        [FIXED.check(worst(train.values()))],
+        [FIXED.check(c.worst(train.values()))],
         "on the train with its force limit",
-        elsewhere=[FIXED_NOMINAL.check(worst(time / GAINS[key] for key, time in rows.items()))],
+        elsewhere=[FIXED_NOMINAL.check(c.worst(time / GAINS[key] for key, time in rows.items()))],
         changed=f"only for error dynamics without a force limit, with {far / near:.0f} times the acceleration from "
         "748 m; the train with 5000 m/s² is lost from there",
         otherwise="a settling time is beyond the bound",
     )
 
 
-@CLAIMS.judged_by("position and speed are both tracked", "robust tracking of both", ("ideal",), THREE)
-def both(results: Results) -> Judgement:
+@CLAIMS.judged_by("position and speed are both tracked", "robust tracking of both", ("ideal",), c.THREE)
+def both(results: c.Results) -> c.Judgement:
     """Judge simultaneous tracking of position and speed."""
     recording = series_of(results["ideal"])
     steady = (recording.time > 3.0) & (recording.time < JUMPS[0] - 0.1)
-    place = largest(position_error(recording, OFFSETS)[steady])
-    speed, motion = rms(speed_error(recording)[steady]), rms(_motion(recording)[steady])
+    place = c.largest(c.position_error(recording, OFFSETS)[steady])
+    speed, motion = c.rms(c.speed_error(recording)[steady]), c.rms(_motion(recording)[steady])
     measured = (
-        f"position {written(place, 'm')}, v - v_r {written(speed, 'm/s')} rms, "
-        f"v + d1 - v_r {written(motion, 'm/s')} rms"
+        f"position {c.written(place, 'm')}, v - v_r {c.written(speed, 'm/s')} rms, "
+        f"v + d1 - v_r {c.written(motion, 'm/s')} rms"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [PLACE.check(place), SPEED.check(speed)],
         "position and speed both follow",
@@ -147,8 +136,8 @@ def both(results: Results) -> Judgement:
     )
 
 
-@CLAIMS.judged_by("the couplers return to 0 and stay there at the speed steps", "0 m", ("ideal",), THREE)
-def couplers(results: Results) -> Judgement:
+@CLAIMS.judged_by("the couplers return to 0 and stay there at the speed steps", "0 m", ("ideal",), c.THREE)
+def couplers(results: c.Results) -> c.Judgement:
     """Judge the coupler stretch at the steps of the speed."""
     recording = series_of(results["ideal"])
     stretch = np.maximum(recording.coupler_draft_max, -recording.coupler_buff_max) / 1e3 / STIFFNESS_KN
@@ -156,14 +145,14 @@ def couplers(results: Results) -> Judgement:
     before = float(stretch[(t > 3.0) & (t < JUMPS[0] - 0.1)].max())
     first, second = (float(stretch[(t >= at) & (t < at + 3.0)].max()) for at in JUMPS)
     measured = (
-        f"at most {written(before, 'm')} from 3 s to 10 s; {written(first, 'm')} at the step at 10 s, where d21 and "
-        f"d12 jump as well, {written(second, 'm')} at 20 s"
+        f"at most {c.written(before, 'm')} from 3 s to 10 s; {c.written(first, 'm')} at the step at 10 s, where d21 "
+        f"and d12 jump as well, {c.written(second, 'm')} at 20 s"
     )
-    return conclude(
+    return c.conclude(
         measured,
-        [UNLOADED.check(worst((before, first, second)))],
+        [UNLOADED.check(c.worst((before, first, second)))],
         "the cars move together",
-        elsewhere=[UNLOADED_CALM.check(worst((before, second)))],
+        elsewhere=[UNLOADED_CALM.check(c.worst((before, second)))],
         changed="only at a step at which no disturbance jumps by 10 m/s: at such a jump the couplers are loaded until "
         "the observer has settled again",
         otherwise="the couplers stay loaded",
@@ -174,20 +163,20 @@ def couplers(results: Results) -> Judgement:
     "the compared method stretches the couplers at the start",
     "150 m",
     ("ideal", "printed order"),
-    THREE,
+    c.THREE,
     takes_failures=True,
 )
-def start(results: Results) -> Judgement:
+def start(results: c.Results) -> c.Judgement:
     """Judge the coupler stretch of the compared method at the start, 150 m."""
     began, reversed_began = (_stretch_at_start(results[key]) for key in ("ideal", "printed order"))
     recording = series_of(results["printed order"])
-    lost = largest(position_error(recording, OFFSETS))
+    lost = c.largest(c.position_error(recording, OFFSETS))
     measured = (
-        f"printed order: {written(reversed_began, 'm')} in every coupler at t = 0, and with 5000 m/s² the position "
-        f"error is {written(lost, 'm')} within {written(float(recording.time[-1]), 's')}; physical order: "
-        f"{written(began, 'm')}"
+        f"printed order: {c.written(reversed_began, 'm')} in every coupler at t = 0, and with 5000 m/s² the position "
+        f"error is {c.written(lost, 'm')} within {c.written(float(recording.time[-1]), 's')}; physical order: "
+        f"{c.written(began, 'm')}"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [bound.check(began) for bound in STRETCH],
         "in the physical order",
@@ -199,21 +188,21 @@ def start(results: Results) -> Judgement:
     )
 
 
-def _stretch_at_start(result: Result) -> float:
+def _stretch_at_start(result: c.Result) -> float:
     position = series_of(result).position[0]
     return float(np.abs(np.diff(position) + np.diff(OFFSETS)).max())
 
 
 @CLAIMS.judged_by("faster than conventional laws", "by more than 5 s", ("ideal", "pd fast"))
-def faster(results: Results) -> Judgement:
+def faster(results: c.Results) -> c.Judgement:
     """Judge the advantage over a conventional law with as much force, 5 s."""
     ours, fast = (_settled(results, key) for key in ("ideal", "pd fast"))
-    forces = [largest(series_of(results[key]).command) / MASS for key in ("ideal", "pd fast")]
+    forces = [c.largest(series_of(results[key]).command) / MASS for key in ("ideal", "pd fast")]
     measured = (
         f"within {IN_PLACE:g} m: fixed-time {time_text(ours)} at {forces[0]:.0f} m/s², PD with poles at 4 and 5 1/s "
         f"{time_text(fast)} at {forces[1]:.0f} m/s²"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [FASTER.check(fast - ours)],
         "no PD is nearly as fast",
@@ -225,55 +214,61 @@ def faster(results: Results) -> Judgement:
 UNDER_WAY = 5.0
 """Begin of the evaluation [s]."""
 LOAD = "it depends on the shape of the travelling load, a choice here: 0.1 m/s² for 20 s on each car"
-ROBUST = Bound("largest rms position error, gain 2", 0.27, "m", GOAL)
-ROBUST_PREDICTED = Bound("largest rms position error, gain 0.3, predictor", 0.27, "m", GOAL)
-UNIT, UNIT_COUPLER = Bound("per car: rms", 0.20, "m", GOAL), Bound("per car: coupler", 0.43, "m", GOAL, note=LOAD)
-SLOW, SLOW_SPEED = Bound("slow: rms", 0.27, "m", GOAL), Bound("slow: mean speed", 0.08, "m/s", GOAL)
-COMMON, COMMON_COUPLER = Bound("common: rms", 0.27, "m", GOAL), Bound("common: coupler", 0.6, "m", GOAL, note=LOAD)
-STILL = Bound("undisturbed: rms", 0.02, "m", GOAL)
-ONE, ONE_SPEED = Bound("rms", 0.20, "m", GOAL), Bound("mean speed", 0.08, "m/s", GOAL)
-ONE_COUPLER = Bound("coupler", 0.43, "m", GOAL, note=LOAD)
-ONE_OFF = Bound("rms, other delay", 0.27, "m", GOAL)
-ONE_OFF_COUPLER = Bound("coupler, other delay", 0.6, "m", GOAL, note=LOAD)
+ROBUST = c.Bound("largest rms position error, gain 2", 0.27, "m", c.GOAL)
+ROBUST_PREDICTED = c.Bound("largest rms position error, gain 0.3, predictor", 0.27, "m", c.GOAL)
+UNIT, UNIT_COUPLER = (
+    c.Bound("per car: rms", 0.20, "m", c.GOAL),
+    c.Bound("per car: coupler", 0.43, "m", c.GOAL, note=LOAD),
+)
+SLOW, SLOW_SPEED = c.Bound("slow: rms", 0.27, "m", c.GOAL), c.Bound("slow: mean speed", 0.08, "m/s", c.GOAL)
+COMMON, COMMON_COUPLER = (
+    c.Bound("common: rms", 0.27, "m", c.GOAL),
+    c.Bound("common: coupler", 0.6, "m", c.GOAL, note=LOAD),
+)
+STILL = c.Bound("undisturbed: rms", 0.02, "m", c.GOAL)
+ONE, ONE_SPEED = c.Bound("rms", 0.20, "m", c.GOAL), c.Bound("mean speed", 0.08, "m/s", c.GOAL)
+ONE_COUPLER = c.Bound("coupler", 0.43, "m", c.GOAL, note=LOAD)
+ONE_OFF = c.Bound("rms, other delay", 0.27, "m", c.GOAL)
+ONE_OFF_COUPLER = c.Bound("coupler, other delay", 0.6, "m", c.GOAL, note=LOAD)
 
 
-def _worst(results: Results, keys: Iterable[str]) -> tuple[float, float, float]:
+def _worst(results: c.Results, keys: Iterable[str]) -> tuple[float, float, float]:
     """Return the largest of every figure of :func:`realistic` over some runs."""
-    place, speed, coupler = (worst(column) for column in zip(*(realistic(results, key) for key in keys), strict=True))
+    place, speed, coupler = (c.worst(column) for column in zip(*(realistic(results, key) for key in keys), strict=True))
     return place, speed, coupler
 
 
-def realistic(results: Results, key: str) -> tuple[float, float, float]:
+def realistic(results: c.Results, key: str) -> tuple[float, float, float]:
     """Return rms position error of all cars [m], rms of the mean speed error [m/s] and largest coupler stretch [m]."""
     result = results[key]
     recording = series_of(result)
     scored = recording.time > UNDER_WAY
     couplers = max(result.summary["coupler_draft_max_kn"], -result.summary["coupler_buff_max_kn"]) / STIFFNESS_KN
-    return rms(position_error(recording, OFFSETS)[scored]), rms(mean_speed_error(recording)[scored]), couplers
+    return c.rms(c.position_error(recording, OFFSETS)[scored]), c.rms(c.mean_speed_error(recording)[scored]), couplers
 
 
 @CLAIMS.judged_by(
     "especially suited to matched and unmatched disturbances together (here: on a train with limits, lag and delay)",
     "strong robustness",
     tuple(f"{key} {delay}" for key in ("print", "scaled", "scaled predicted") for delay in DELAYS),
-    THREE,
+    c.THREE,
 )
-def real_train(results: Results) -> Judgement:
+def real_train(results: c.Results) -> c.Judgement:
     """Judge the law of the paper on a train with limits, lag and delay."""
     found = {
         key: [realistic(results, f"{key} {delay}")[0] for delay in DELAYS]
         for key in ("print", "scaled", "scaled predicted")
     }
     measured = "; ".join(
-        f"{LAWS[key][0]}: {', '.join(written(value, 'm', 2) for value in values)}" for key, values in found.items()
+        f"{LAWS[key][0]}: {', '.join(c.written(value, 'm', 2) for value in values)}" for key, values in found.items()
     )
     delays = ", ".join(f"{delay:g}" for delay in DELAYS)
     measured = f"position rms at delays of {delays} s: {measured}"
-    return conclude(
+    return c.conclude(
         measured,
-        [ROBUST.check(worst(found["print"]))],
+        [ROBUST.check(c.worst(found["print"]))],
         "the paper's gains hold on a real train",
-        elsewhere=[ROBUST_PREDICTED.check(worst(found["scaled predicted"]))],
+        elsewhere=[ROBUST_PREDICTED.check(c.worst(found["scaled predicted"]))],
         changed="only with gains of 0.3 and a prediction of the state over the delay; the paper has no actuator model",
         otherwise="beyond the goal of the realistic version, at any gain",
     )
@@ -288,7 +283,7 @@ def real_train(results: Results) -> Judgement:
         "unit undisturbed",
     ),
 )
-def goals(results: Results) -> Judgement:
+def goals(results: c.Results) -> c.Judgement:
     """Judge the goals of the realistic setting."""
     unit = _worst(results, (f"unit {delay}" for delay in DELAYS))
     slow = _worst(results, (f"unit slow {delay}" for delay in DELAYS))
@@ -310,7 +305,7 @@ def goals(results: Results) -> Judgement:
     ]
     missed = ", ".join(check.bound.quantity for check in checks if not check.holds)
     reason = f"every goal of the realistic version is reached; where a stretch is close to its goal, {LOAD}"
-    return conclude(measured, checks, reason, otherwise=f"not reached: {missed}")
+    return c.conclude(measured, checks, reason, otherwise=f"not reached: {missed}")
 
 
 @CLAIMS.judged_by(
@@ -318,7 +313,7 @@ def goals(results: Results) -> Judgement:
     "all three (goal)",
     (*(f"common damped {delay}" for delay in DELAYS), *(f"common damped x{ratio}" for ratio in RATIOS)),
 )
-def all_at_once(results: Results) -> Judgement:
+def all_at_once(results: c.Results) -> c.Judgement:
     """Judge the three goals with one law."""
     place, speed, coupler = _worst(results, (f"common damped {delay}" for delay in DELAYS))
     off_place, _, off_coupler = _worst(results, (f"common damped x{ratio}" for ratio in RATIOS))
@@ -335,4 +330,4 @@ def all_at_once(results: Results) -> Judgement:
     ]
     missed = ", ".join(check.bound.quantity for check in checks if not check.holds)
     reason = "one command for the train and a differential damping of 0.5 1/s reach all three goals"
-    return conclude(measured, checks, reason, otherwise=f"not reached: {missed}")
+    return c.conclude(measured, checks, reason, otherwise=f"not reached: {missed}")

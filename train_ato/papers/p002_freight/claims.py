@@ -6,20 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.papers.checks import conclude, mean_speed_error, position_error, printed_forms_table
-from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import (
-    REMOVED,
-    THREE,
-    Bound,
-    CaseTable,
-    Claims,
-    FigureFile,
-    Judgement,
-    Paper,
-    Results,
-    worst,
-)
+from train_ato.papers import claims as c
+from train_ato.papers.claims import recording as series_of
 from train_ato.papers.drawing import HELD, panel_grid, save_grid
 from train_ato.papers.p002_freight import checks as judge
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
@@ -27,19 +15,19 @@ from train_ato.papers.p002_freight.checks import MASS, OFFSETS, time_text
 from train_ato.papers.p002_freight.observer_trials import FORMS
 from train_ato.report.quantities import COLOURS
 
-OBSERVER_CLAIMS = Claims()
+OBSERVER_CLAIMS = c.Claims()
 CASCADES = ("implicit", "levant")
 """Other forms of the cascade with the same structure."""
 ON_BOARD = ("10 ms", "50 ms")
 """Sampling times of onboard computers."""
-FOUND = Bound("time to 10 %, printed, 1 ms", 0.5, "s", "paper")
-FOUND_ELSEWHERE = Bound("time to 10 %, implicit signs, 1 ms", 0.5, "s", "paper")
-ACCURATE = Bound("largest error of d1 and d2, printed, 10 and 50 ms", REMOVED, "", "paper: accurate")
-ACCURATE_CASCADE = Bound("the same, best other form of the cascade", REMOVED, "", "paper: accurate")
-RATE = Bound("error of d1', printed, 1 ms", REMOVED, "", "paper: accurate")
-RATE_CASCADE = Bound("error of d1', best other form of the cascade, 1 ms", REMOVED, "", "paper: accurate")
-AGAIN = Bound("time to 10 % after the jump, printed", 0.5, "s", "paper, as at the start")
-AGAIN_CASCADE = Bound("time to 10 % after the jump, the same form", 0.5, "s", "paper, as at the start")
+FOUND = c.Bound("time to 10 %, printed, 1 ms", 0.5, "s", "paper")
+FOUND_ELSEWHERE = c.Bound("time to 10 %, implicit signs, 1 ms", 0.5, "s", "paper")
+ACCURATE = c.Bound("largest error of d1 and d2, printed, 10 and 50 ms", c.REMOVED, "", "paper: accurate")
+ACCURATE_CASCADE = c.Bound("the same, best other form of the cascade", c.REMOVED, "", "paper: accurate")
+RATE = c.Bound("error of d1', printed, 1 ms", c.REMOVED, "", "paper: accurate")
+RATE_CASCADE = c.Bound("error of d1', best other form of the cascade, 1 ms", c.REMOVED, "", "paper: accurate")
+AGAIN = c.Bound("time to 10 % after the jump, printed", 0.5, "s", "paper, as at the start")
+AGAIN_CASCADE = c.Bound("time to 10 % after the jump, the same form", 0.5, "s", "paper, as at the start")
 
 
 def percent(value: float) -> str:
@@ -51,9 +39,9 @@ def percent(value: float) -> str:
     "the cascaded observer finds matched and unmatched disturbances",
     "within about 0.5 s",
     ("observers 0.01 ms", "observers 1 ms"),
-    THREE,
+    c.THREE,
 )
-def disturbances_found(results: Results) -> Judgement:
+def disturbances_found(results: c.Results) -> c.Judgement:
     """Judge the settling time of the estimates of d1 and d2."""
     fine, coarse = results["observers 0.01 ms"].summary, results["observers 1 ms"].summary
     print_fine, print_coarse = fine["printed settling"], coarse["printed settling"]
@@ -62,8 +50,8 @@ def disturbances_found(results: Results) -> Judgement:
         f"(error {percent(max(coarse['printed d1'], coarse['printed d2']))}); with implicit signs after "
         f"{time_text(coarse['implicit settling'])}"
     )
-    left = worst((coarse["implicit d1"], coarse["implicit d2"]))
-    return conclude(
+    left = c.worst((coarse["implicit d1"], coarse["implicit d2"]))
+    return c.conclude(
         measured,
         [FOUND.check(print_coarse)],
         "the printed form works at a practical step",
@@ -74,18 +62,18 @@ def disturbances_found(results: Results) -> Judgement:
     )
 
 
-def _largest_part(results: Results, form: str) -> float:
+def _largest_part(results: c.Results, form: str) -> float:
     """Return the largest error of d1 and d2 of a form at the sampling times on board."""
-    return worst(results[f"observers {key}"].summary[f"{form} {part}"] for key in ON_BOARD for part in ("d1", "d2"))
+    return c.worst(results[f"observers {key}"].summary[f"{form} {part}"] for key in ON_BOARD for part in ("d1", "d2"))
 
 
 @OBSERVER_CLAIMS.judged_by(
     "the observer is ready for use on board",
     "accurate estimates",
     (f"observers {key}" for key in OBSERVER_TICKS),
-    THREE,
+    c.THREE,
 )
-def observer_sampling(results: Results) -> Judgement:
+def observer_sampling(results: c.Results) -> c.Judgement:
     """Judge the accuracy of the observer at the sampling times on board."""
     cells = []
     for key in OBSERVER_TICKS:
@@ -94,7 +82,7 @@ def observer_sampling(results: Results) -> Judgement:
         cells.append(f"{key}: printed {percent(max(figures['printed d1'], figures['printed d2']))}, best {best}")
     other = {form: _largest_part(results, form) for form in CASCADES}
     best = min(CASCADES, key=lambda form: other[form])
-    return conclude(
+    return c.conclude(
         "; ".join(cells),
         [ACCURATE.check(_largest_part(results, "printed"))],
         "the printed form is accurate at 10 and 50 ms",
@@ -109,9 +97,9 @@ def observer_sampling(results: Results) -> Judgement:
     "the derivative of the unmatched disturbance is found, again after its jumps",
     "accurate",
     ("observers 1 ms",),
-    THREE,
+    c.THREE,
 )
-def derivative(results: Results) -> Judgement:
+def derivative(results: c.Results) -> c.Judgement:
     """Judge the estimate of d1', also after the jumps of d21."""
     figures, rate = results["observers 1 ms"].summary, "d1'"
     parts = [f"{name} {percent(figures[f'{name} {rate}'])}" for name in FORMS]
@@ -125,7 +113,7 @@ def derivative(results: Results) -> Judgement:
         f"contains the unknown d1); the best other form of the cascade, {best}, has "
         f"{percent(figures[f'{best} {rate}'])}"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [RATE.check(figures[f"printed {rate}"]), AGAIN.check(figures["printed again"])],
         "the derivative is found as printed",
@@ -135,7 +123,7 @@ def derivative(results: Results) -> Judgement:
     )
 
 
-def draw(results: Results, folder: Path) -> list[FigureFile]:
+def draw(results: c.Results, folder: Path) -> list[c.FigureFile]:
     """Draw the figures of paper 002 into a folder and return them."""
     return [
         _observers(results, folder / "paper002_estimates.png"),
@@ -145,7 +133,7 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
     ]
 
 
-def _observers(results: Results, path: Path) -> FigureFile:
+def _observers(results: c.Results, path: Path) -> c.FigureFile:
     """Draw figures 3 to 10: d1, d2 and d1' of every car."""
     series = results["observers 1 ms"].series
     figure, axes = panel_grid(
@@ -168,14 +156,14 @@ def _observers(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path, legends=(0,))
 
 
-def _tracking(results: Results, path: Path) -> FigureFile:
+def _tracking(results: c.Results, path: Path) -> c.FigureFile:
     """Draw figures 11 to 13 and the force: left the whole run, right the first three seconds."""
     recording = series_of(results["ideal"])
     t = recording.time
     figure, axes = panel_grid("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
     motion = np.gradient(recording.position, t, axis=0)
     stretch = -np.diff(recording.position, axis=1) - np.diff(OFFSETS)
-    error = position_error(recording, OFFSETS)
+    error = c.position_error(recording, OFFSETS)
     for column, until in enumerate((t[-1], 3.0)):
         part = t <= until
         rows = [axes[row, column] for row in range(5)]
@@ -208,7 +196,7 @@ def _tracking(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path, legends=(0, 3))
 
 
-def _settling(results: Results, path: Path) -> FigureFile:
+def _settling(results: c.Results, path: Path) -> c.FigureFile:
     """Draw error and acceleration of the nominal error dynamics."""
     figure, axes = panel_grid("error dynamics of the fixed-time law without limits, from 108 m", 2)
     for index, gain in enumerate(("1.9", "50")):
@@ -224,7 +212,7 @@ def _settling(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path)
 
 
-def _realistic(results: Results, path: Path) -> FigureFile:
+def _realistic(results: c.Results, path: Path) -> c.FigureFile:
     """Draw the realistic setting at a delay of 1 s: worst position error, mean speed error, couplers, force."""
     figure, axes = panel_grid("limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
     choices = (
@@ -239,10 +227,10 @@ def _realistic(results: Results, path: Path) -> FigureFile:
         if index == 0:
             axes[0, 0].plot(t, recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
         axes[0, 0].plot(t, recording.front_velocity, color=colour, lw=0.9, label=label)
-        error = position_error(recording, OFFSETS)
-        worst = error[np.arange(t.size), np.abs(error).argmax(axis=1)]
-        axes[1, 0].plot(t, worst, color=colour, lw=0.9, label=label)
-        axes[2, 0].plot(t, mean_speed_error(recording), color=colour, lw=0.9, label=label)
+        error = c.position_error(recording, OFFSETS)
+        c.worst = error[np.arange(t.size), np.abs(error).argmax(axis=1)]
+        axes[1, 0].plot(t, c.worst, color=colour, lw=0.9, label=label)
+        axes[2, 0].plot(t, c.mean_speed_error(recording), color=colour, lw=0.9, label=label)
         axes[3, 0].plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
         axes[3, 0].plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
         axes[4, 0].plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.8, label=label)
@@ -256,20 +244,20 @@ def _realistic(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path)
 
 
-def _row(results: Results, law: str, settings: Iterable[str]) -> list[str]:
+def _row(results: c.Results, law: str, settings: Iterable[str]) -> list[str]:
     found = [judge.realistic(results, f"{law} {setting}") for setting in settings]
     return [LAWS[law][0], *(f"{place:.2f} / {coupler:.2f}" for place, _, coupler in found)]
 
 
-def _table_rows(results: Results) -> Sequence[Sequence[Any]]:
+def _table_rows(results: c.Results) -> Sequence[Sequence[Any]]:
     return [_row(results, law, (f"{delay}" for delay in DELAYS if f"{law} {delay}" in results)) for law in LAWS]
 
 
-def _ratio_rows(results: Results) -> Sequence[Sequence[Any]]:
+def _ratio_rows(results: c.Results) -> Sequence[Sequence[Any]]:
     return [_row(results, law, (f"x{ratio}" for ratio in RATIOS)) for law in ("unit", "common", "common damped")]
 
 
-def _observer_rows(results: Results) -> Sequence[Sequence[Any]]:
+def _observer_rows(results: c.Results) -> Sequence[Sequence[Any]]:
     return [
         [
             f"{key} {name}",
@@ -281,29 +269,29 @@ def _observer_rows(results: Results) -> Sequence[Sequence[Any]]:
     ]
 
 
-PAPER = Paper(
+PAPER = c.Paper(
     number="002",
     title="fixed-time sliding mode with a cascaded disturbance observer, five freight vehicles",
     cases=CASES,
     claims=[*OBSERVER_CLAIMS, *judge.CLAIMS],
     figures=draw,
     tables=(
-        CaseTable(
+        c.CaseTable(
             "observers: rms error of the worst car over the rms of its disturbance, and time until d1 and d2 are "
             "within 10 % (0.01 ms: from 0.06 to 0.1 s only)",
             ("sampling, form", "d1", "d2", "d1'", "settled"),
             _observer_rows,
         ),
-        CaseTable(
+        c.CaseTable(
             "realistic version: position rms / largest coupler stretch in m over the delay",
             ("law", *(f"{delay:g} s" for delay in DELAYS)),
             _table_rows,
         ),
-        CaseTable(
+        c.CaseTable(
             "the same over the ratio of true to modelled delay (modelled 0.8 s)",
             ("law", *(f"{ratio:g}" for ratio in RATIOS)),
             _ratio_rows,
         ),
-        printed_forms_table(PRINTED_FORMS),
+        c.printed_forms_table(PRINTED_FORMS),
     ),
 )

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.papers.checks import largest_position_error as place
-from train_ato.papers.checks import largest_speed_error as speed
-from train_ato.papers.checks import position_error, printed_forms_table, speed_error, variation, written
-from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
+from train_ato.papers import claims as c
+from train_ato.papers.claims import largest_position_error as place
+from train_ato.papers.claims import largest_speed_error as speed
+from train_ato.papers.claims import recording as series_of
 from train_ato.papers.drawing import panel_grid, save_grid, thinned
 from train_ato.papers.p003_funnel import checks as judge
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
@@ -20,7 +19,7 @@ from train_ato.report.quantities import COLOURS
 LONG = "crh380a_funnel"
 
 
-def draw(results: Results, folder: Path) -> list[FigureFile]:
+def draw(results: c.Results, folder: Path) -> list[c.FigureFile]:
     """Draw the figures of paper 003 into a folder and return them."""
     nominal = {"printed long": "printed", "corrected long": "corrected", "pid long": "PID + preview"}
     cut = {"printed long saturated": "printed", "corrected long saturated": "corrected"}
@@ -35,16 +34,16 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
 
 
 def _tracking(
-    results: Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
-) -> FigureFile:
+    results: c.Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
+) -> c.FigureFile:
     """Draw figures 1 to 5: speed, position error, speed error, force; on the right a time range [min]."""
     figure, axes = panel_grid(title, 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
     for index, (key, label) in enumerate(keys.items()):
         recording = series_of(results[key])
         series = (
             3.6 * recording.front_velocity,
-            position_error(recording)[:, 0],
-            speed_error(recording)[:, 0],
+            c.position_error(recording)[:, 0],
+            c.speed_error(recording)[:, 0],
             recording.applied[:, 0] / 1e3,
         )
         for column, (begin, end) in enumerate([(0.0, np.inf)] + ([zoom] if zoom else [])):
@@ -61,7 +60,7 @@ def _tracking(
     return save_grid(figure, axes, path, "time in min")
 
 
-def _funnels(results: Results, path: Path) -> FigureFile:
+def _funnels(results: c.Results, path: Path) -> c.FigureFile:
     """Draw errors and funnels of the short saturated run, printed and corrected."""
     figure, axes = panel_grid(
         "funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14
@@ -69,7 +68,7 @@ def _funnels(results: Results, path: Path) -> FigureFile:
     for column, key in enumerate(("printed saturated", "corrected saturated")):
         case, recording = CASES[key], series_of(results[key])
         phi1, phi2 = boundaries(case, recording)
-        errors = (position_error(recording)[:, 0], speed_error(recording)[:, 0])
+        errors = (c.position_error(recording)[:, 0], c.speed_error(recording)[:, 0])
         units = ("position in m", "speed in m/s")
         for row, (error, phi, unit) in enumerate(zip(errors, (phi1, phi2), units, strict=True)):
             panel = axes[row, column]
@@ -79,7 +78,7 @@ def _funnels(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path)
 
 
-def _planned(results: Results, path: Path) -> FigureFile:
+def _planned(results: c.Results, path: Path) -> c.FigureFile:
     """Draw the errors to the original profile with 200 kN."""
     figure, axes = panel_grid("200 kN: error to the profile that needs 225.7 kN (short run)", 3)
     choices = (
@@ -98,7 +97,7 @@ def _planned(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path)
 
 
-def _rows(results: Results) -> Sequence[Sequence[Any]]:
+def _rows(results: c.Results) -> Sequence[Sequence[Any]]:
     """Return one row per train: position max, rms and speed max of every law."""
     rows: list[list[Any]] = []
     for train, (label, _) in TRAINS.items():
@@ -108,7 +107,7 @@ def _rows(results: Results) -> Sequence[Sequence[Any]]:
             if result is None or result.recording is None:
                 cells.append("-")
             elif train == "noise":
-                cells.append(f"{place(result):.3f} / {variation(result):.0f} kN/s")
+                cells.append(f"{place(result):.3f} / {c.variation(result):.0f} kN/s")
             else:
                 cells.append(f"{place(result):.3f} / {1e3 * judge.place_rms(result):.1f} / {speed(result):.3f}")
         rows.append([label, *cells])
@@ -131,28 +130,30 @@ EXTRA = {
 }
 
 
-def _extra(results: Results) -> Sequence[Sequence[Any]]:
-    return [[label, *(written(figure(results[key]), unit) for figure, unit in FIGURES)] for key, label in EXTRA.items()]
+def _extra(results: c.Results) -> Sequence[Sequence[Any]]:
+    return [
+        [label, *(c.written(figure(results[key]), unit) for figure, unit in FIGURES)] for key, label in EXTRA.items()
+    ]
 
 
 FIGURES = ((place, "m"), (judge.place_rms, "m"), (speed, "m/s"))
 
-PAPER = Paper(
+PAPER = c.Paper(
     number="003",
     title="dynamic-surface funnel control of a CRH380A, delay 0.2 |sin t| s, 286 km",
     cases=CASES,
     claims=judge.CLAIMS,
     figures=draw,
     tables=(
-        CaseTable(
+        c.CaseTable(
             "short run (36 km, the same phases): e1 max in m / e1 rms in mm / speed error max in m/s (rms and speed "
             "only where v_ref > 1 m/s)",
             ("case", *(label for label, _ in LAWS.values())),
             _rows,
         ),
-        CaseTable(
+        c.CaseTable(
             "more runs (rms and speed only where v_ref > 1 m/s)", ("run", "e1 max", "e1 rms", "speed error max"), _extra
         ),
-        printed_forms_table(PRINTED_FORMS),
+        c.printed_forms_table(PRINTED_FORMS),
     ),
 )

@@ -5,76 +5,53 @@ import math
 import numpy as np
 
 from train_ato.judge.recording import Recording
-from train_ato.papers.checks import (
-    GOAL,
-    MOVING,
-    conclude,
-    largest,
-    largest_speed_error,
-    rms,
-    speed_error,
-    variation,
-    written,
-)
-from train_ato.papers.checks import largest_position_error as unit_place
-from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import (
-    BETTER,
-    MUCH_BETTER,
-    ROBUST,
-    TENTH,
-    THREE,
-    UNCHANGED,
-    Bound,
-    Claims,
-    Judgement,
-    Result,
-    Results,
-    about,
-    least,
-    ratio,
-    worst,
-)
+from train_ato.papers import claims as c
+from train_ato.papers.claims import largest_position_error as unit_place
+from train_ato.papers.claims import recording as series_of
 from train_ato.papers.p003_funnel.checks import off_profile
 from train_ato.papers.p004_gpc.cases import JUMP, SAMPLINGS, WEIGHTS
 
-CLAIMS = Claims()
-WHERE_MOVING = f"largest speed errors only where v_ref > {MOVING:g} m/s"
+CLAIMS = c.Claims()
+WHERE_MOVING = f"largest speed errors only where v_ref > {c.MOVING:g} m/s"
 STABLE_RMS = 0.05
 """Rms speed error on the nominal train from which a loop is not stable [m/s]."""
 CONVENTION = "convention for a stable loop"
-MORE_EXACT = ratio("largest speed error over PID", BETTER, "paper: better")
-MORE_EXACT_RMS = ratio("rms over PID", BETTER, "paper: better")
-EVERY_PERIOD = Bound("largest rms over the sampling periods", STABLE_RMS, "m/s", CONVENTION)
-SOME_PERIOD = Bound("smallest rms over the sampling periods", STABLE_RMS, "m/s", CONVENTION)
-NO_OFFSET = Bound("position error, printed", 0.2, "m", GOAL)
-NO_OFFSET_REPAIRED = Bound("position error, U held or gain on the position", 0.2, "m", GOAL)
-ESTIMATES = ratio("rms with over without the network", MUCH_BETTER, "paper: compensates")
-COUPLED = Bound("rms of three laws, with couplers", STABLE_RMS, "m/s", CONVENTION)
-FREE = Bound("rms of three laws, without couplers", STABLE_RMS, "m/s", CONVENTION)
-PUNCTUAL = Bound("stop error", 0.5, "m", "usual stopping accuracy of main lines")
-PUNCTUAL_REPAIRED = Bound("stop error, gain on the position", 0.5, "m", "usual stopping accuracy of main lines")
-JERK = Bound("jerk over 1 s", 0.75, "m/s³", "usual jerk in service")
-JERK_REPAIRED = Bound("jerk over 1 s, gain on the position", 0.75, "m/s³", "usual jerk in service")
-EFFICIENT = ratio("energy of traction over PID + preview", 1.0 + UNCHANGED, "efficient: that of the profile, unchanged")
-ON_PROFILE = Bound("largest speed error", 0.4, "m/s", "goal of this project at any delay")
-WITHIN_12 = Bound("position error at 200 kN", 12.0, "m", GOAL)
-WITHIN_12_PLANNED = Bound("the same, gpc on a profile for 200 kN", 12.0, "m", GOAL)
-AS_INDEPENDENT = about("position error at 200 kN, not planned", 43.0, "m", "independent", TENTH)
+MORE_EXACT = c.ratio("largest speed error over PID", c.BETTER, "paper: better")
+MORE_EXACT_RMS = c.ratio("rms over PID", c.BETTER, "paper: better")
+EVERY_PERIOD = c.Bound("largest rms over the sampling periods", STABLE_RMS, "m/s", CONVENTION)
+SOME_PERIOD = c.Bound("smallest rms over the sampling periods", STABLE_RMS, "m/s", CONVENTION)
+NO_OFFSET = c.Bound("position error, printed", 0.2, "m", c.GOAL)
+NO_OFFSET_REPAIRED = c.Bound("position error, U held or gain on the position", 0.2, "m", c.GOAL)
+ESTIMATES = c.ratio("rms with over without the network", c.MUCH_BETTER, "paper: compensates")
+COUPLED = c.Bound("rms of three laws, with couplers", STABLE_RMS, "m/s", CONVENTION)
+FREE = c.Bound("rms of three laws, without couplers", STABLE_RMS, "m/s", CONVENTION)
+PUNCTUAL = c.Bound("stop error", 0.5, "m", "usual stopping accuracy of main lines")
+PUNCTUAL_REPAIRED = c.Bound("stop error, gain on the position", 0.5, "m", "usual stopping accuracy of main lines")
+JERK = c.Bound("jerk over 1 s", 0.75, "m/s³", "usual jerk in service")
+JERK_REPAIRED = c.Bound("jerk over 1 s, gain on the position", 0.75, "m/s³", "usual jerk in service")
+EFFICIENT = c.ratio(
+    "energy of traction over PID + preview", 1.0 + c.UNCHANGED, "efficient: that of the profile, unchanged"
+)
+ON_PROFILE = c.Bound("largest speed error", 0.4, "m/s", "goal of this project at any delay")
+WITHIN_12 = c.Bound("position error at 200 kN", 12.0, "m", c.GOAL)
+WITHIN_12_PLANNED = c.Bound("the same, gpc on a profile for 200 kN", 12.0, "m", c.GOAL)
+AS_INDEPENDENT = c.about("position error at 200 kN, not planned", 43.0, "m", "independent", c.TENTH)
 
 
-def speed_rms(result: Result) -> float:
+def speed_rms(result: c.Result) -> float:
     """Return the rms speed error over all units [m/s]."""
-    return rms(speed_error(series_of(result)))
+    return c.rms(c.speed_error(series_of(result)))
 
 
-def coupler(result: Result) -> float:
+def coupler(result: c.Result) -> float:
     """Return the largest coupler force [kN]."""
     return float(max(result.summary["coupler_draft_max_kn"], -result.summary["coupler_buff_max_kn"]))
 
 
-def _three(result: Result) -> str:
-    return f"{largest_speed_error(result):.3f} m/s, {1e3 * speed_rms(result):.1f} mm/s rms, {unit_place(result):.2f} m"
+def _three(result: c.Result) -> str:
+    return (
+        f"{c.largest_speed_error(result):.3f} m/s, {1e3 * speed_rms(result):.1f} mm/s rms, {unit_place(result):.2f} m"
+    )
 
 
 @CLAIMS.judged_by(
@@ -82,7 +59,7 @@ def _three(result: Result) -> str:
     "better; no figures",
     ("gpc long", "pid long", "pid preview long", "pid clamped long"),
 )
-def normal(results: Results) -> Judgement:
+def normal(results: c.Results) -> c.Judgement:
     """Judge the tracking over the whole line against PID."""
     ours, plain, preview, clamped = (results[f"{key} long"] for key in ("gpc", "pid", "pid preview", "pid clamped"))
     measured = (
@@ -90,10 +67,10 @@ def normal(results: Results) -> Judgement:
         f"{_three(preview)}; {WHERE_MOVING}"
     )
     checks = [
-        MORE_EXACT.check(largest_speed_error(ours) / largest_speed_error(plain)),
+        MORE_EXACT.check(c.largest_speed_error(ours) / c.largest_speed_error(plain)),
         MORE_EXACT_RMS.check(speed_rms(ours) / speed_rms(plain)),
     ]
-    return conclude(
+    return c.conclude(
         measured,
         checks,
         "at a sampling period of 1.2 s, against a PID without feed-forward, whose gains the paper does not give; a PID "
@@ -106,18 +83,18 @@ def normal(results: Results) -> Judgement:
     "N = 3, Nu = 2",
     "stable",
     (*(f"Ts {period}" for period in SAMPLINGS), *(f"Ts 0.4 lambda {weight}" for weight in WEIGHTS)),
-    THREE,
+    c.THREE,
 )
-def sampling(results: Results) -> Judgement:
+def sampling(results: c.Results) -> c.Judgement:
     """Judge the stability of N = 3, Nu = 2 over the sampling period."""
     errors = {period: speed_rms(results[f"Ts {period}"]) for period in SAMPLINGS}
     weights = [speed_rms(results[f"Ts 0.4 lambda {weight}"]) for weight in WEIGHTS]
     measured = ", ".join(f"{period:g} s {1e3 * error:.3g}" for period, error in errors.items())
     measured = f"mm/s rms over Ts: {measured}; at 0.4 s, any lambda from 0.001 to 10: at best {1e3 * min(weights):.3g}"
     works = ", ".join(f"{period:g}" for period, error in errors.items() if error <= STABLE_RMS)
-    return conclude(
+    return c.conclude(
         measured,
-        [EVERY_PERIOD.check(worst(errors.values()))],
+        [EVERY_PERIOD.check(c.worst(errors.values()))],
         "at any sampling period",
         elsewhere=[SOME_PERIOD.check(min(filter(math.isfinite, errors.values()), default=math.nan))],
         changed=f"only at {works} s: three samples must extend beyond 1.2 s of delay and 0.4 s of lag; the paper does "
@@ -126,19 +103,19 @@ def sampling(results: Results) -> Judgement:
     )
 
 
-@CLAIMS.judged_by("(22) leaves no steady error", "0", ("gpc normal", "gpc held", "gpc on position"), THREE)
-def beyond(results: Results) -> Judgement:
+@CLAIMS.judged_by("(22) leaves no steady error", "0", ("gpc normal", "gpc held", "gpc on position"), c.THREE)
+def beyond(results: c.Results) -> c.Judgement:
     """Judge the steady error of the printed G, with U = 0 beyond Nu."""
     printed, held, on_position = (unit_place(results[key]) for key in ("gpc normal", "gpc held", "gpc on position"))
     measured = (
-        f"position {written(printed, 'm')} with U = 0 beyond Nu, {written(held, 'm')} with U held, "
-        f"{written(on_position, 'm')} with a gain of 0.02 1/s on the position"
+        f"position {c.written(printed, 'm')} with U = 0 beyond Nu, {c.written(held, 'm')} with U held, "
+        f"{c.written(on_position, 'm')} with a gain of 0.02 1/s on the position"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [NO_OFFSET.check(printed)],
         "without an offset",
-        elsewhere=[NO_OFFSET_REPAIRED.check(least((held, on_position)))],
+        elsewhere=[NO_OFFSET_REPAIRED.check(c.least((held, on_position)))],
         changed="with U held or with a gain on the position, which is not in the paper",
         otherwise="a weight on the command itself leaves an offset of the speed while a force is held; it accumulates "
         "in the position, less with U held and with a gain on the position, but beyond the goal",
@@ -148,10 +125,10 @@ def beyond(results: Results) -> Judgement:
 @CLAIMS.judged_by(
     "the network takes resistance and disturbance", "estimated on line", ("gpc normal", "no network", "raw residual")
 )
-def network(results: Results) -> Judgement:
+def network(results: c.Results) -> c.Judgement:
     """Judge the contribution of the network for the unmodelled part."""
     kept, left_out, raw = (speed_rms(results[key]) for key in ("gpc normal", "no network", "raw residual"))
-    return conclude(
+    return c.conclude(
         f"{1e3 * kept:.1f} mm/s rms with it, {1e3 * left_out:.0f} without, {1e3 * raw:.0f} with the raw residual",
         [ESTIMATES.check(kept / left_out)],
         "it compensates the resistance, as a slow integrator; with immediate learning the rms is "
@@ -161,17 +138,20 @@ def network(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by(
-    "multivariable: one law for each of the three units", "stable", ("per unit", "per unit, free", "gpc normal"), THREE
+    "multivariable: one law for each of the three units",
+    "stable",
+    ("per unit", "per unit, free", "gpc normal"),
+    c.THREE,
 )
-def coupled(results: Results) -> Judgement:
+def coupled(results: c.Results) -> c.Judgement:
     """Judge three independent laws on a coupled train."""
     units, free, mean = (results[key] for key in ("per unit", "per unit, free", "gpc normal"))
     measured = (
-        f"three laws {largest_speed_error(units):.2f} m/s, couplers {coupler(units):.0f} kN; without couplers "
-        f"{largest_speed_error(free):.2f} m/s; one law on the mean speed "
-        f"{largest_speed_error(mean):.2f} m/s, {coupler(mean):.0f} kN"
+        f"three laws {c.largest_speed_error(units):.2f} m/s, couplers {coupler(units):.0f} kN; without couplers "
+        f"{c.largest_speed_error(free):.2f} m/s; one law on the mean speed "
+        f"{c.largest_speed_error(mean):.2f} m/s, {coupler(mean):.0f} kN"
     )
-    return conclude(
+    return c.conclude(
         f"{measured} ({WHERE_MOVING})",
         [COUPLED.check(speed_rms(units))],
         "on coupled units as well",
@@ -182,8 +162,8 @@ def coupled(results: Results) -> Judgement:
     )
 
 
-@CLAIMS.judged_by("punctual, safe and comfortable", "met", ("gpc long", "gpc on position"), THREE)
-def comfort(results: Results) -> Judgement:
+@CLAIMS.judged_by("punctual, safe and comfortable", "met", ("gpc long", "gpc on position"), c.THREE)
+def comfort(results: c.Results) -> c.Judgement:
     """Judge stop and jerk of the run."""
     stops, jerks = {}, {}
     for key in ("gpc long", "gpc on position"):
@@ -192,11 +172,11 @@ def comfort(results: Results) -> Judgement:
         jerks[key] = float(results[key].summary["jerk_1s_max"])
     result = results["gpc long"]
     measured = (
-        f"stop {written(stops['gpc long'], 'm')} off, jerk over 1 s {jerks['gpc long']:.2f} m/s³, acceleration "
-        f"{float(result.summary['acceleration_max']):.2f} m/s², variation {variation(result):.1f} kN/s; with a gain on "
-        f"the position (36 km) {written(stops['gpc on position'], 'm')}, {jerks['gpc on position']:.2f} m/s³"
+        f"stop {c.written(stops['gpc long'], 'm')} off, jerk over 1 s {jerks['gpc long']:.2f} m/s³, acceleration "
+        f"{float(result.summary['acceleration_max']):.2f} m/s², variation {c.variation(result):.1f} kN/s; with a gain "
+        f"on the position (36 km) {c.written(stops['gpc on position'], 'm')}, {jerks['gpc on position']:.2f} m/s³"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [PUNCTUAL.check(stops["gpc long"]), JERK.check(jerks["gpc long"])],
         "stop and jerk within the usual values",
@@ -207,12 +187,12 @@ def comfort(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by("efficient", "met; no figures", ("gpc long", "pid preview long"))
-def efficiency(results: Results) -> Judgement:
+def efficiency(results: c.Results) -> c.Judgement:
     """Judge the energy of the run against that of PID with preview, which keeps the profile best."""
     ours, preview = (float(results[f"{key} long"].summary["energy_traction_kwh"]) for key in ("gpc", "pid preview"))
-    return conclude(
+    return c.conclude(
         f"{ours:.0f} kWh of traction, PID + preview {preview:.0f} kWh on the same profile",
-        [EFFICIENT.check(ours / preview), ON_PROFILE.check(largest_speed_error(results["gpc long"]))],
+        [EFFICIENT.check(ours / preview), ON_PROFILE.check(c.largest_speed_error(results["gpc long"]))],
         "the paper names no measure; here the law adds no energy to that of the profile, which it does not choose",
         otherwise="the law takes more energy than the profile needs, or leaves the profile",
     )
@@ -222,20 +202,20 @@ def efficiency(results: Results) -> Judgement:
     "goal with 200 kN for the train",
     "12 m (goal); 43 m as printed (independent)",
     ("gpc limited", "gpc planned", "pid limited", "pid preview limited", "pid preview planned"),
-    THREE,
+    c.THREE,
 )
-def limited(results: Results) -> Judgement:
+def limited(results: c.Results) -> c.Judgement:
     """Judge the run with 200 kN, on the profile for 225.7 kN and on one planned for 200 kN."""
     ours, plain, preview = (unit_place(results[f"{key} limited"]) for key in ("gpc", "pid", "pid preview"))
     ahead, other = (
-        largest(off_profile(series_of(results[f"{key} planned"]), "crh380a_gpc:short")[0])
+        c.largest(off_profile(series_of(results[f"{key} planned"]), "crh380a_gpc:short")[0])
         for key in ("gpc", "pid preview")
     )
     measured = (
-        f"gpc {written(ours, 'm')}, PID {written(plain, 'm')}, PID + preview {written(preview, 'm')}; on a profile "
-        f"planned for it gpc {written(ahead, 'm')}, PID + preview {written(other, 'm')}"
+        f"gpc {c.written(ours, 'm')}, PID {c.written(plain, 'm')}, PID + preview {c.written(preview, 'm')}; on a "
+        f"profile planned for it gpc {c.written(ahead, 'm')}, PID + preview {c.written(other, 'm')}"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [WITHIN_12.check(ours)],
         "the law plans for the limit",
@@ -279,25 +259,25 @@ def command_oscillation(recording: Recording, begin: float) -> tuple[float, floa
 
 LATER = JUMP + 60.0
 """Begin of the evaluation after the jump [s]."""
-SMALL_JUMP = ratio("largest speed error over PID, as printed", MUCH_BETTER, "paper: slight against large")
-SMALL_JUMP_INCREMENTS = ratio("the same, on increments", MUCH_BETTER, "paper: slight against large")
-AS_BEFORE = ratio("rms over that without jump, as printed", ROBUST, "paper: good performance kept, at most doubled")
-AS_BEFORE_INCREMENTS = ratio("the same, on increments", ROBUST, "paper: good performance kept, at most doubled")
-NOMINAL = Bound("nominal speed error", 0.4, "m/s", "goal of this project at any delay")
-CALM = Bound("rms without jump", STABLE_RMS, "m/s", CONVENTION)
-STURDY = ratio("largest speed error over the nominal one", ROBUST, "robust: at most doubled")
+SMALL_JUMP = c.ratio("largest speed error over PID, as printed", c.MUCH_BETTER, "paper: slight against large")
+SMALL_JUMP_INCREMENTS = c.ratio("the same, on increments", c.MUCH_BETTER, "paper: slight against large")
+AS_BEFORE = c.ratio("rms over that without jump, as printed", c.ROBUST, "paper: good performance kept, at most doubled")
+AS_BEFORE_INCREMENTS = c.ratio("the same, on increments", c.ROBUST, "paper: good performance kept, at most doubled")
+NOMINAL = c.Bound("nominal speed error", 0.4, "m/s", "goal of this project at any delay")
+CALM = c.Bound("rms without jump", STABLE_RMS, "m/s", CONVENTION)
+STURDY = c.ratio("largest speed error over the nominal one", c.ROBUST, "robust: at most doubled")
 
 
 @CLAIMS.judged_by(
     "a small jump when the parameters jump, less than PID",
     "slight",
     tuple(f"{key} jump" for key in ("gpc", "gpc fixed", "gpc absolute", "pid", "pid preview")),
-    THREE,
+    c.THREE,
 )
-def jump(results: Results) -> Judgement:
+def jump(results: c.Results) -> c.Judgement:
     """Judge the jump of the parameters."""
     increments, without, printed, plain, preview = (
-        largest_speed_error(results[f"{key} jump"])
+        c.largest_speed_error(results[f"{key} jump"])
         for key in ("gpc", "gpc fixed", "gpc absolute", "pid", "pid preview")
     )
     measured = (
@@ -305,7 +285,7 @@ def jump(results: Results) -> Judgement:
         f"as printed, {without:.2f} without identification; PID {plain:.2f}, PID + preview {preview:.2f} "
         f"({WHERE_MOVING})"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [SMALL_JUMP.check(printed / plain)],
         "as printed (with the sign of its error repaired)",
@@ -317,12 +297,12 @@ def jump(results: Results) -> Judgement:
 
 
 @CLAIMS.judged_by(
-    "after the jump the tracking is smooth again", "as before", ("gpc jump", "gpc absolute jump", "gpc normal"), THREE
+    "after the jump the tracking is smooth again", "as before", ("gpc jump", "gpc absolute jump", "gpc normal"), c.THREE
 )
-def settled_after(results: Results) -> Judgement:
+def settled_after(results: c.Results) -> c.Judgement:
     """Judge the tracking after the jump."""
     later, still, as_before = (
-        rms(speed_error(series)[series.time > LATER])
+        c.rms(c.speed_error(series)[series.time > LATER])
         for series in (series_of(results[key]) for key in ("gpc jump", "gpc absolute jump", "gpc normal"))
     )
     amplitude, period, changes = command_oscillation(series_of(results["gpc jump"]), LATER)
@@ -330,7 +310,7 @@ def settled_after(results: Results) -> Judgement:
         f"from a minute after the jump {1e3 * later:.0f} mm/s rms, on the train without jump {1e3 * as_before:.0f}; "
         f"identified as printed {1e3 * still:.0f}"
     )
-    return conclude(
+    return c.conclude(
         measured,
         [AS_BEFORE.check(still / as_before), CALM.check(as_before)],
         "the old performance, as printed",
@@ -353,17 +333,17 @@ TRAINS = (
     "robust",
     (f"{key} {train}" for key in ("gpc", "pid preview") for train in ("normal", *(train for train, _ in TRAINS))),
 )
-def sturdy(results: Results) -> Judgement:
+def sturdy(results: c.Results) -> c.Judgement:
     """Judge the robustness to delay, mass and noise: at most twice the nominal error."""
-    errors = {label: largest_speed_error(results[f"gpc {key}"]) for key, label in TRAINS}
-    others = {label: largest_speed_error(results[f"pid preview {key}"]) for key, label in TRAINS}
+    errors = {label: c.largest_speed_error(results[f"gpc {key}"]) for key, label in TRAINS}
+    others = {label: c.largest_speed_error(results[f"pid preview {key}"]) for key, label in TRAINS}
     cells = ", ".join(f"{label} {error:.2f} ({others[label]:.2f})" for label, error in errors.items())
-    nominal = largest_speed_error(results["gpc normal"])
+    nominal = c.largest_speed_error(results["gpc normal"])
     shares = {label: error / nominal for label, error in errors.items()}
     weak = [f"{label} ({share:.1f} times)" for label, share in shares.items() if not STURDY.check(share).holds]
-    return conclude(
+    return c.conclude(
         f"nominal {nominal:.2f} m/s; in brackets PID + preview: {cells}; {WHERE_MOVING}",
-        [STURDY.check(worst(shares.values())), NOMINAL.check(nominal)],
+        [STURDY.check(c.worst(shares.values())), NOMINAL.check(nominal)],
         "the errors do not double in any of them",
         otherwise=f"more than twice the nominal error: {', '.join(weak) or 'none'} (the loop has no T-filter)",
     )

@@ -4,11 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from train_ato.papers.checks import largest_position_error as unit_place
-from train_ato.papers.checks import largest_speed_error as speed
-from train_ato.papers.checks import position_error, printed_forms_table, speed_error
-from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results
+from train_ato.papers import claims as c
+from train_ato.papers.claims import largest_position_error as unit_place
+from train_ato.papers.claims import largest_speed_error as speed
+from train_ato.papers.claims import recording as series_of
 from train_ato.papers.drawing import panel_grid, save_grid
 from train_ato.papers.p004_gpc import checks as judge
 from train_ato.papers.p004_gpc.cases import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS
@@ -16,7 +15,7 @@ from train_ato.papers.p004_gpc.checks import speed_rms
 from train_ato.report.quantities import COLOURS
 
 
-def draw(results: Results, folder: Path) -> list[FigureFile]:
+def draw(results: c.Results, folder: Path) -> list[c.FigureFile]:
     """Draw the figures of paper 004 into a folder and return them."""
     normal = {"pid long": "PID", "gpc long": "gpc, Ts 1.2 s", "pid preview long": "PID + preview"}
     jump = {
@@ -34,7 +33,9 @@ def draw(results: Results, folder: Path) -> list[FigureFile]:
     ]
 
 
-def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, *, minutes: bool = False) -> FigureFile:
+def _runs(
+    results: c.Results, keys: Mapping[str, str], title: str, path: Path, *, minutes: bool = False
+) -> c.FigureFile:
     """Draw figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
     figure, axes = panel_grid(title, 5)
     for index, (key, label) in enumerate(keys.items()):
@@ -43,8 +44,8 @@ def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, *, 
         if index == 0:
             axes[0, 0].plot(t, 3.6 * recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
         axes[0, 0].plot(t, 3.6 * recording.front_velocity, color=colour, lw=0.9, label=label)
-        axes[1, 0].plot(t, speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
-        axes[2, 0].plot(t, position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        axes[1, 0].plot(t, c.speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        axes[2, 0].plot(t, c.position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
         axes[3, 0].plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
         axes[4, 0].plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
         axes[4, 0].plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
@@ -58,7 +59,7 @@ def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, *, 
     return save_grid(figure, axes, path, "time in min" if minutes else "time in s")
 
 
-def _sampling(results: Results, path: Path) -> FigureFile:
+def _sampling(results: c.Results, path: Path) -> c.FigureFile:
     """Draw the rms speed error over the sampling period and over lambda."""
     figure, axes = panel_grid("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
     left, right = axes[0, 0], axes[0, 1]
@@ -76,7 +77,7 @@ def _sampling(results: Results, path: Path) -> FigureFile:
     return save_grid(figure, axes, path)
 
 
-def _rows(results: Results) -> Sequence[Sequence[Any]]:
+def _rows(results: c.Results) -> Sequence[Sequence[Any]]:
     return [
         [
             label,
@@ -89,7 +90,7 @@ def _rows(results: Results) -> Sequence[Sequence[Any]]:
     ]
 
 
-def _extra(results: Results) -> Sequence[Sequence[Any]]:
+def _extra(results: c.Results) -> Sequence[Sequence[Any]]:
     shown = [key for key in CASES if not any(key == f"{law} {train}" for law in LAWS for train in TRAINS)]
     return [
         [
@@ -103,20 +104,20 @@ def _extra(results: Results) -> Sequence[Sequence[Any]]:
     ]
 
 
-PAPER = Paper(
+PAPER = c.Paper(
     number="004",
     title="nonlinear GPC of a CRH380A with three power units, delays 1.0/1.1/1.2 s and 0.6/0.7/0.8 s",
     cases=CASES,
     claims=judge.CLAIMS,
     figures=draw,
     tables=(
-        CaseTable(
+        c.CaseTable(
             "short run (36 km): speed error max in m/s (only where v_ref > 1 m/s) / rms in mm/s / position error max "
             "in m; no PID is clamped",
             ("case", *(label for label, _ in LAWS.values())),
             _rows,
         ),
-        CaseTable("more runs", ("run", "speed max m/s", "rms mm/s", "position m", "coupler kN"), _extra),
-        printed_forms_table(PRINTED_FORMS),
+        c.CaseTable("more runs", ("run", "speed max m/s", "rms mm/s", "position m", "coupler kN"), _extra),
+        c.printed_forms_table(PRINTED_FORMS),
     ),
 )
