@@ -9,20 +9,9 @@ from bokeh.models import ColumnDataSource, CustomJS, Span
 
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
-from train_ato.report import page_data
+from train_ato.report import page_data, panels
 from train_ato.report.curves import Curves, shown_curves
 from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
-from train_ato.report.panels import (
-    Table,
-    distance_figure,
-    event_figure,
-    heat_figure,
-    line_figure,
-    mark_stations,
-    run_events_figure,
-    source_of,
-    track_figure,
-)
 from train_ato.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, Trace, style_of, traces_of
 
 _OVER_TIME = "window.trainAto?.overTime(fields, places, cb_obj.x)"
@@ -139,10 +128,10 @@ READINGS: dict[str, tuple[str, str, str, int]] = {
 def run_sections(data: page_data.PageData) -> tuple[list[PageSection], Linked]:
     """Return the figures of a run and their shared axes; figures without data are omitted."""
     linked = Linked(*data.span, data.events)
-    sources = {name: source_of(lines.time, lines.columns) for name, lines in data.curves.items()}
+    sources = {name: panels.source_of(lines.time, lines.columns) for name, lines in data.curves.items()}
     sections = [*_speed_sections(linked, sources), *_over_distance(linked, data, sources)]
     if data.events:
-        figure = event_figure(linked, data.events)
+        figure = panels.event_figure(linked, data.events)
         caption = "Marked in every figure over time; click on a kind to hide its marks."
         sections.append(PageSection("events", "Events", [Placed(figure, "", caption)]))
     sections += _filled(FIGURES, lambda spec: _figure(linked, data, sources, spec))
@@ -176,7 +165,7 @@ def _speed_sections(linked: Linked, sources: dict[str, ColumnDataSource]) -> lis
     ):
         if anchor == "verdict" or supervised:
             tables = [(source, traces_of(columns))]
-            figure = line_figure(linked, PANELS["speed"][0], tables, wanted.height, whole=wanted is LIMITS)
+            figure = panels.line_figure(linked, PANELS["speed"][0], tables, wanted.height, whole=wanted is LIMITS)
             sections.append(PageSection(anchor, title, [Placed(figure, wanted.heading, wanted.caption)]))
     return sections
 
@@ -187,10 +176,10 @@ def _figure(
     """Return a figure of one run; none without data."""
     name = spec.name
     if name in data.maps:
-        figure = heat_figure(linked, data.maps[name], HEAT[name])
+        figure = panels.heat_figure(linked, data.maps[name], HEAT[name])
     elif name in sources:
         tables = [(sources[name], traces_of(sources[name].data))]
-        figure = line_figure(linked, PANELS[name][0], tables, spec.height)
+        figure = panels.line_figure(linked, PANELS[name][0], tables, spec.height)
     else:
         return []
     return [Placed(figure, spec.heading, spec.caption + _left_out(spec, [data]))]
@@ -209,7 +198,7 @@ def _over_distance(linked: Linked, data: page_data.PageData, sources: dict[str, 
 
 def _line_section(
     linked: Linked,
-    tables: Sequence[Table],
+    tables: Sequence[panels.Table],
     places: Sequence[Array],
     data: page_data.PageData,
     *,
@@ -218,10 +207,10 @@ def _line_section(
 ) -> PageSection:
     """Return the figures over distance with profiles, limits and track of a run, and their captions."""
     linked.set_places(min(float(np.nanmin(p)) for p in places), max(float(np.nanmax(p)) for p in places))
-    speed = mark_stations(distance_figure(linked, tables, profiles, data.limits), data.stations)
+    speed = panels.mark_stations(panels.distance_figure(linked, tables, profiles, data.limits), data.stations)
     placed = [Placed(speed, "Speed over distance", captions[0])]
     if data.track is not None:
-        placed.append(Placed(track_figure(linked, data.track), "Grade and curves", captions[1]))
+        placed.append(Placed(panels.track_figure(linked, data.track), "Grade and curves", captions[1]))
     return PageSection("line", "Along the line", placed)
 
 
@@ -251,7 +240,7 @@ def comparison_sections(pages: Sequence[page_data.PageData]) -> tuple[list[PageS
     if any(data.events for data, _ in runs):
         caption = "One row per run. Events common to all runs are marked in every figure over time."
         named = [(data.label, data.events) for data, _ in runs]
-        sections.append(PageSection("events", "Events", [Placed(run_events_figure(linked, named), "", caption)]))
+        sections.append(PageSection("events", "Events", [Placed(panels.run_events_figure(linked, named), "", caption)]))
     sections += _filled(SHARED_FIGURES, lambda spec: (_overlaid if spec.column else _maps)(linked, runs, spec))
     return sections, linked
 
@@ -272,18 +261,24 @@ def _look(column: str, words: str, colour: str, index: int) -> list[Trace]:
 
 def _overlaid(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> list[Placed]:
     """Return one quantity of all runs in one figure."""
-    tables: list[Table] = []
+    tables: list[panels.Table] = []
     for index, (data, colour) in enumerate(runs):
         lines = data.curves.get(spec.name)
         values = _driven_speed(lines) if spec.column == "speed" else page_data.largest_magnitude(lines, spec.column)
         if lines is None or values is None:
             continue
         if spec.column == "speed" and not tables and "profile" in lines.columns:
-            tables.append((source_of(lines.time, {"profile": lines.columns["profile"]}), traces_of(["profile"])))
-        tables.append((source_of(lines.time, {spec.column: values}), _look(spec.column, data.label, colour, index)))
+            tables.append((panels.source_of(lines.time, {"profile": lines.columns["profile"]}), traces_of(["profile"])))
+        tables.append(
+            (panels.source_of(lines.time, {spec.column: values}), _look(spec.column, data.label, colour, index))
+        )
     if not tables:
         return []
-    return [Placed(line_figure(linked, PANELS[spec.name][0], tables, spec.height), spec.heading, _caption(spec, runs))]
+    return [
+        Placed(
+            panels.line_figure(linked, PANELS[spec.name][0], tables, spec.height), spec.heading, _caption(spec, runs)
+        )
+    ]
 
 
 def _driven_speed(lines: Curves | None) -> Array | None:
@@ -297,13 +292,15 @@ def _maps(linked: Linked, runs: Sequence[ColouredRun], spec: FigureSpec) -> list
     found = {data.label: data.maps[spec.name] for data, _ in runs if spec.name in data.maps}
     largest = max((picture.largest for picture in found.values()), default=1.0)
     return [
-        Placed(heat_figure(linked, one, HEAT[spec.name], largest=largest), f"{spec.heading}: {label}", spec.caption)
+        Placed(
+            panels.heat_figure(linked, one, HEAT[spec.name], largest=largest), f"{spec.heading}: {label}", spec.caption
+        )
         for label, one in found.items()
     ]
 
 
 def _runs_over_distance(linked: Linked, runs: Sequence[ColouredRun]) -> list[PageSection]:
-    tables: list[Table] = []
+    tables: list[panels.Table] = []
     places: list[Array] = []
     for index, (data, colour) in enumerate(runs):
         lines = data.curves.get("speed")
@@ -312,7 +309,7 @@ def _runs_over_distance(linked: Linked, runs: Sequence[ColouredRun]) -> list[Pag
             continue
         place = lines.columns["position_km"]
         places += [place, *(profile[0] for profile in data.profiles)]
-        source = source_of(lines.time, {"speed": speed, "position_km": place})
+        source = panels.source_of(lines.time, {"speed": speed, "position_km": place})
         tables.append((source, _look("speed", data.label, colour, index)))
     if not tables:
         return []
@@ -353,11 +350,11 @@ def _difference_section(linked: Linked, runs: Sequence[ColouredRun]) -> list[Pag
         for label, curves in reduced.items():
             lines = curves[over]
             columns = {column: lines.columns[column]} | ({"position_km": lines.time} if over == "place" else {})
-            tables.append((source_of(lines.time, columns), _look(column, label, *looks[label])))
+            tables.append((panels.source_of(lines.time, columns), _look(column, label, *looks[label])))
         figure = (
-            distance_figure(linked, tables, (), None, axis, 200)
+            panels.distance_figure(linked, tables, (), None, axis, 200)
             if over == "place"
-            else line_figure(linked, axis, tables, 200)
+            else panels.line_figure(linked, axis, tables, 200)
         )
         caption = " > 0: later than the first run." if column == "time_s" else ""
         placed.append(Placed(figure, heading, f"Each run minus {first}.{caption}"))

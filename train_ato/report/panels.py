@@ -4,22 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from bokeh import models
 from bokeh.events import MouseLeave, MouseMove, Tap
-from bokeh.models import (
-    AdaptiveTicker,
-    ColorBar,
-    ColumnDataSource,
-    CustomJS,
-    CustomJSHover,
-    FixedTicker,
-    HoverTool,
-    Label,
-    LegendItem,
-    LinearAxis,
-    LinearColorMapper,
-    Range1d,
-    Span,
-)
 
 from train_ato.messages.types import Array
 from train_ato.program.display_units import shown_name
@@ -28,20 +14,20 @@ from train_ato.report.events import Event
 from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
 from train_ato.report.page_data import MAX_CODE, HeatMap, TrackShape
 
-Table = tuple[ColumnDataSource, Sequence[q.Trace]]
+Table = tuple[models.ColumnDataSource, Sequence[q.Trace]]
 """Table with a horizontal column and the lines of a figure."""
 
 
-def source_of(time: Array, columns: dict[str, Array]) -> ColumnDataSource:
+def source_of(time: Array, columns: dict[str, Array]) -> models.ColumnDataSource:
     """Return a table of single-precision columns; the page stores it as bytes."""
     data = {"time": time, **columns}
-    return ColumnDataSource({name: np.asarray(values, dtype=np.float32) for name, values in data.items()})
+    return models.ColumnDataSource({name: np.asarray(values, dtype=np.float32) for name, values in data.items()})
 
 
 def _add_tips(plot: Figure, drawn: Any, tips: Sequence[tuple[str, str]], linked: Linked | None = None) -> None:
     """Show values of a glyph under the pointer; ``linked`` shows ``begin`` and ``end`` as times of the run."""
     clocks = {f"@{name}": linked.clock() for name in ("begin", "end")} if linked else {}
-    plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(tips), formatters=clocks))
+    plot.add_tools(models.HoverTool(renderers=[drawn], tooltips=list(tips), formatters=clocks))
 
 
 def line_figure(
@@ -68,7 +54,7 @@ def line_figure(
         items += bands
         for trace in traces:
             drawn = _line(plot, source, trace, "time")
-            items.append(LegendItem(label=trace.look.words, renderers=[drawn]))
+            items.append(models.LegendItem(label=trace.look.words, renderers=[drawn]))
             lines.append((trace.column, np.asarray(source.data[trace.column]), drawn))
         sides = ("envelope_low", "envelope_high") if bands else ()
         lines += [(side, np.asarray(source.data[side]), bands[0].renderers[0]) for side in sides]
@@ -94,7 +80,7 @@ def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[str, Array, Any]],
             item.label = {"value": f"{item.label.value}{remark}"}
 
 
-def _line(plot: Figure, source: ColumnDataSource, trace: q.Trace, over: str) -> Any:
+def _line(plot: Figure, source: models.ColumnDataSource, trace: q.Trace, over: str) -> Any:
     look = trace.look
     if trace.column in q.FILLED and look == q.style_of(trace.column):
         plot.varea(x=over, y1=0, y2=trace.column, source=source, fill_color=look.colour, fill_alpha=0.22)
@@ -104,7 +90,7 @@ def _line(plot: Figure, source: ColumnDataSource, trace: q.Trace, over: str) -> 
     )  # fmt: skip
 
 
-def _band(plot: Figure, source: ColumnDataSource) -> list[LegendItem]:
+def _band(plot: Figure, source: models.ColumnDataSource) -> list[models.LegendItem]:
     """Draw the envelope of the table as a band."""
     if "envelope_high" not in source.data:
         return []
@@ -112,7 +98,7 @@ def _band(plot: Figure, source: ColumnDataSource) -> list[LegendItem]:
         x="time", y1="envelope_low", y2="envelope_high", source=source, fill_color=q.GREY, fill_alpha=0.16,
         level="underlay",
     )  # fmt: skip
-    return [LegendItem(label="envelope (nominal)", renderers=[band])]
+    return [models.LegendItem(label="envelope (nominal)", renderers=[band])]
 
 
 def distance_figure(
@@ -129,7 +115,7 @@ def distance_figure(
     if limits is not None:
         look = q.QUANTITIES["line_limit"]
         drawn = plot.line(*limits, line_color=look.colour, line_dash=look.dash, line_width=look.width)
-        items.append(LegendItem(label=look.words, renderers=[drawn]))
+        items.append(models.LegendItem(label=look.words, renderers=[drawn]))
     for index, (place, speed) in enumerate(profiles):
         look = q.QUANTITIES["profile" if index == 0 else "replanned"]
         drawn = plot.line(
@@ -137,10 +123,10 @@ def distance_figure(
             line_dash=look.dash, line_width=look.width, line_alpha=0.65,
         )  # fmt: skip
         if index < 2:
-            items.append(LegendItem(label=look.words, renderers=[drawn]))
+            items.append(models.LegendItem(label=look.words, renderers=[drawn]))
     for source, traces in tables:
         lines = ((trace, _line(plot, source, trace, "position_km")) for trace in traces)
-        items += [LegendItem(label=trace.look.words, renderers=[drawn]) for trace, drawn in lines]
+        items += [models.LegendItem(label=trace.look.words, renderers=[drawn]) for trace, drawn in lines]
     add_readout(plot, tables, "position_km")
     if axis == "speed" and all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles):
         plot.y_range.start = 0.0
@@ -152,8 +138,10 @@ def mark_stations(plot: Figure, stations: Sequence[tuple[float, str]]) -> Figure
     """Mark the stations of the line in a figure over distance, with their names; return the figure."""
     for place, name in stations:
         inside = place > stations[0][0] and place == stations[-1][0]  # left of the line that ends the figure
-        plot.add_layout(Span(location=place, dimension="height", line_color=q.INK, line_dash="dotted", line_width=1))
-        label = Label(
+        plot.add_layout(
+            models.Span(location=place, dimension="height", line_color=q.INK, line_dash="dotted", line_width=1)
+        )
+        label = models.Label(
             x=place, y=4, y_units="screen", text=name, angle=90, angle_units="deg", x_offset=-2 if inside else 12,
             text_font=q.FONT, text_font_size="11px", text_color=q.INK,
         )  # fmt: skip
@@ -183,10 +171,10 @@ def add_readout(plot: Figure, tables: Sequence[Table], over: str = "time") -> No
         if traces
     ]
     arguments = {"name": plot.id, "tables": listed, "over": over}
-    show = CustomJS(args=arguments, code=_SHOW)
+    show = models.CustomJS(args=arguments, code=_SHOW)
     plot.js_on_event(MouseMove, show)
     plot.js_on_event(Tap, show)
-    plot.js_on_event(MouseLeave, CustomJS(args={"name": plot.id, "over": over}, code=_HIDE))
+    plot.js_on_event(MouseLeave, models.CustomJS(args={"name": plot.id, "over": over}, code=_HIDE))
 
 
 MAP_ROW = 2.6
@@ -203,7 +191,7 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: q.Heat, largest: float |
     count = picture.codes.shape[0]
     height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
     plot = linked.over_time(
-        heat.rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
+        heat.rows, height, tinted=False, y_range=models.Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
     )
     colours = q.buff_to_draft() if heat.signed else q.none_to_full()
     low = -MAX_CODE if heat.signed else 0
@@ -213,34 +201,38 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: q.Heat, largest: float |
         y=-0.5,
         dw=picture.end - picture.begin,
         dh=count,
-        color_mapper=LinearColorMapper(palette=colours, low=low, high=MAX_CODE, low_color=q.NOTHING),
+        color_mapper=models.LinearColorMapper(palette=colours, low=low, high=MAX_CODE, low_color=q.NOTHING),
         level="image",
     )
-    scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)
+    scale = models.LinearColorMapper(
+        palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest
+    )
     plot.add_layout(
         _colour_bar(scale, q.axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")), "above"
     )
-    cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
+    cell = models.CustomJSHover(
+        args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)"
+    )
     plot.add_tools(
-        HoverTool(
+        models.HoverTool(
             tooltips=[("time", "$x{custom}"), (heat.rows, "$y{custom}"), (heat.words, shown_name("@image{custom} kN"))],
             formatters={
                 "$x": linked.clock(),
-                "$y": CustomJSHover(code="return String(Math.round(value))"),
+                "$y": models.CustomJSHover(code="return String(Math.round(value))"),
                 "@image": cell,
             },
             renderers=[image],
             attachment="horizontal",
         )
     )
-    plot.yaxis.ticker = AdaptiveTicker(mantissas=[1, 2, 5], min_interval=1)
+    plot.yaxis.ticker = models.AdaptiveTicker(mantissas=[1, 2, 5], min_interval=1)
     plot.ygrid.visible = False
     plot.xgrid.visible = False
     return plot
 
 
-def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
-    return ColorBar(
+def _colour_bar(mapper: models.LinearColorMapper, title: str) -> models.ColorBar:
+    return models.ColorBar(
         color_mapper=mapper,
         orientation="horizontal",
         title=title,
@@ -263,9 +255,9 @@ def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
 def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
     """Return the events over time, one row per kind; hiding a kind hides its marks in all figures."""
     kinds = [kind for kind in q.KINDS if any(event.kind == kind for event in events)]
-    y_range = Range1d(len(kinds) - 0.4, -0.6)
+    y_range = models.Range1d(len(kinds) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 22 * len(kinds), marked=False, y_range=y_range)
-    plot.yaxis.ticker = FixedTicker(ticks=[])
+    plot.yaxis.ticker = models.FixedTicker(ticks=[])
     plot.ygrid.visible = False
     items = []
     for row, kind in enumerate(kinds):
@@ -275,9 +267,9 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
             x="begin", y=row, source=moments, marker="inverted_triangle", size=11, color=colour, line_color=None
         )
         bars = plot.hbar(y=row, left="begin", right="end", height=0.5, source=stretches, color=colour, line_width=2)
-        dots.js_on_change("visible", CustomJS(args={"marks": linked.marked[kind]}, code=_HIDE_MARKS))
+        dots.js_on_change("visible", models.CustomJS(args={"marks": linked.marked[kind]}, code=_HIDE_MARKS))
         shown = [dots, bars] if moments.data["begin"] else [bars, dots]
-        items.append(LegendItem(label=q.KINDS[kind].words, renderers=shown))
+        items.append(models.LegendItem(label=q.KINDS[kind].words, renderers=shown))
         for renderer, tips in ((dots, [("at", "@begin{custom}")]), (bars, _FROM_TO)):
             _add_tips(plot, renderer, [("", "@text"), *tips], linked)
     add_page_legend(plot, items)
@@ -286,9 +278,9 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
 
 def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]]) -> Figure:
     """Return the events of several runs, one row per run, one colour per kind."""
-    y_range = Range1d(len(runs) - 0.4, -0.6)
+    y_range = models.Range1d(len(runs) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 24 * len(runs), y_range=y_range)
-    plot.yaxis.ticker = FixedTicker(ticks=list(range(len(runs))))
+    plot.yaxis.ticker = models.FixedTicker(ticks=list(range(len(runs))))
     plot.yaxis.major_label_overrides = {row: _short(name) for row, (name, _) in enumerate(runs)}
     plot.ygrid.visible = False
     items = []
@@ -296,7 +288,7 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
         rows = [(row, event) for row, (_, events) in enumerate(runs) for event in events if event.kind == kind]
         if not rows:
             continue
-        source = ColumnDataSource(
+        source = models.ColumnDataSource(
             {
                 "row": [row for row, _ in rows],
                 "begin": [event.begin for _, event in rows],
@@ -309,7 +301,7 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
             y="row", left="begin", right="end", height=0.5, source=source, fill_color=words.colour,
             line_color=words.colour, line_width=3,
         )  # fmt: skip
-        items.append(LegendItem(label=words.words, renderers=[bars]))
+        items.append(models.LegendItem(label=words.words, renderers=[bars]))
         _add_tips(plot, bars, [("", "@text"), ("run", "@run"), *_FROM_TO], linked)
     add_page_legend(plot, items)
     return plot
@@ -327,7 +319,7 @@ _FROM_TO = [("from", "@begin{custom}"), ("to", "@end{custom}")]
 def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     """Return grade, height and curves over distance."""
     plot = linked.over_distance("grade", 200)
-    steps = ColumnDataSource(
+    steps = models.ColumnDataSource(
         {
             "left": shape.place[:-1],
             "right": shape.place[1:],
@@ -342,19 +334,19 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     )  # fmt: skip
     span = max(float(np.ptp(shape.height)), 1.0)
     plot.extra_y_ranges = {
-        "height": Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
+        "height": models.Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
     }
-    side = LinearAxis(y_range_name="height", axis_label=q.axis_title("height in m"))
+    side = models.LinearAxis(y_range_name="height", axis_label=q.axis_title("height in m"))
     style_axis(side)
     plot.add_layout(side, "right")
     look = q.QUANTITIES["height"]
     heights = plot.line(shape.place, shape.height, line_color=look.colour, line_width=1.8, y_range_name="height")
     items = [
-        LegendItem(label="grade (left)", renderers=[bars]),
-        LegendItem(label="height above the start (right)", renderers=[heights]),
+        models.LegendItem(label="grade (left)", renderers=[bars]),
+        models.LegendItem(label="height above the start (right)", renderers=[heights]),
     ]
     plot.add_tools(
-        HoverTool(
+        models.HoverTool(
             renderers=[bars],
             mode="vline",
             tooltips=[
@@ -373,26 +365,26 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     return plot
 
 
-def _curves(plot: Figure, shape: TrackShape) -> list[LegendItem]:
+def _curves(plot: Figure, shape: TrackShape) -> list[models.LegendItem]:
     """Draw curves and tunnels as strips along the bottom."""
     items = []
     low = min(0.0, float(shape.grade.min()))
     band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
     if shape.curves:
         begin, end, radius = (np.array(part) for part in zip(*shape.curves, strict=True))
-        source = ColumnDataSource({"begin": begin, "end": end, "radius": radius})
+        source = models.ColumnDataSource({"begin": begin, "end": end, "radius": radius})
         strip = plot.quad(
             left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=q.PURPLE
         )
         tips = [("curve", shown_name("@begin{0.000} … @end{0.000} km")), ("radius", shown_name("@radius{0} m"))]
         _add_tips(plot, strip, tips)
-        items.append(LegendItem(label="curve", renderers=[strip]))
+        items.append(models.LegendItem(label="curve", renderers=[strip]))
     if shape.tunnels:
         begin, end = (np.array(part) for part in zip(*shape.tunnels, strict=True))
-        source = ColumnDataSource({"begin": begin, "end": end})
+        source = models.ColumnDataSource({"begin": begin, "end": end})
         strip = plot.quad(
             left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=q.INK
         )
         _add_tips(plot, strip, [("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
-        items.append(LegendItem(label="tunnel", renderers=[strip]))
+        items.append(models.LegendItem(label="tunnel", renderers=[strip]))
     return items

@@ -16,21 +16,7 @@ from train_ato.log.whole_file import writing
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.dimensions import Dimension
 from train_ato.studies.sweep.row import data_hash, scenario_hash
-from train_ato.studies.tune import objective
-from train_ato.studies.tune.gain_space import (
-    HELD_OUT,
-    NO_SPEC,
-    SEARCHED,
-    GainRunner,
-    GainSpace,
-    GainTask,
-    TuneSpec,
-    Work,
-    gain_space,
-    gain_tasks,
-    lost_run,
-    read_tune_spec,
-)
+from train_ato.studies.tune import gain_space, objective
 from train_ato.studies.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 
 
@@ -61,7 +47,7 @@ class GainCandidate:
         return objective.GainScore.of(self.scores)
 
 
-RunWorks = Callable[[Sequence[Work]], list[dict[str, Any]]]
+RunWorks = Callable[[Sequence[gain_space.Work]], list[dict[str, Any]]]
 """Function that returns the metrics of several runs in their order."""
 
 
@@ -83,7 +69,7 @@ class GainSearch:
         Returns the metrics of several runs.
     """
 
-    space: GainSpace
+    space: gain_space.GainSpace
     tasks: Sequence[int]
     scales: Sequence[Mapping[str, float]]
     weights: Mapping[str, float]
@@ -153,19 +139,19 @@ class TunePlan:
 
     def __init__(
         self,
-        tasks: list[GainTask],
+        tasks: list[gain_space.GainTask],
         choice: ScenarioChoice,
         weights: dict[str, float],
         parameters: Sequence[str] | None,
-        spec: TuneSpec,
+        spec: gain_space.TuneSpec,
         runs: int,
     ) -> None:
         self.tasks, self.choice, self.weights = tasks, choice, weights
-        self.runner = GainRunner(tasks)
+        self.runner = gain_space.GainRunner(tasks)
         setups = [self.runner.setup(index) for index in range(len(tasks))]
         law = setups[0].controller
-        self.space = space = gain_space(law, setups[0].gains(law).values, parameters, spec)
-        searched = len(self.numbers(SEARCHED))
+        self.space = space = gain_space.gain_space(law, setups[0].gains(law).values, parameters, spec)
+        searched = len(self.numbers(gain_space.SEARCHED))
         smallest = POPULATION * searched
         if runs < smallest:
             each = f"{searched} runs" if searched > 1 else "one run"
@@ -207,11 +193,11 @@ class TunePlan:
         KeyboardInterrupt
             Ctrl-C before the search.
         """
-        searched, outside = self.numbers(SEARCHED), self.numbers(HELD_OUT)
+        searched, outside = self.numbers(gain_space.SEARCHED), self.numbers(gain_space.HELD_OUT)
         total = 2 * len(self.tasks) + self.settings["runs"] + len(outside)
-        runner = self.runner if jobs == 1 else GainRunner(self.tasks)
+        runner = self.runner if jobs == 1 else gain_space.GainRunner(self.tasks)
         with (
-            search_runs(runner, jobs, lost_run, kept) as run_all,
+            search_runs(runner, jobs, gain_space.lost_run, kept) as run_all,
             share_bar(f"tune {self.space.law}", shown=shown) as update,
         ):
             run = _CountedRuns(run_all, total, update)
@@ -273,7 +259,7 @@ class TunePlan:
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
         """Store the candidates of a generation and append them to the history file."""
-        labels = [task.label for task in self.tasks if task.part == SEARCHED]
+        labels = [task.label for task in self.tasks if task.part == gain_space.SEARCHED]
         new = [
             history_row(entry.number, generation, entry.gains or self.space.initial, entry.scores, labels)
             for entry in found
@@ -313,7 +299,7 @@ class _CountedRuns:
         self._run_all, self._total, self._update, self._count = run_all, total, update, 0
         self.best: float | None = None
 
-    def __call__(self, works: Sequence[Work]) -> list[dict[str, Any]]:
+    def __call__(self, works: Sequence[gain_space.Work]) -> list[dict[str, Any]]:
         found = []
         for metrics in self._run_all(works):
             found.append(metrics)
@@ -330,7 +316,9 @@ def range_text(dimension: Dimension) -> str:
     return f"{dimension.low:g} ... {dimension.high:g}, {dimension.scale}"
 
 
-def overlay_scenario(choice: ScenarioChoice, law: str, gains: Mapping[str, Any], task: GainTask) -> dict[str, Any]:
+def overlay_scenario(
+    choice: ScenarioChoice, law: str, gains: Mapping[str, Any], task: gain_space.GainTask
+) -> dict[str, Any]:
     """Return the overlay scenario with the tuned law, its observer and compensation, and the gains."""
     data = choice.as_overlay
     data["name"] = f"{choice.name}-tuned-{law.rpartition(':')[2]}"[:100]
@@ -427,17 +415,17 @@ def tune(
     """
     if optimizer is objective.CmaOptimizer:
         objective.check_optimizer()
-    spec = NO_SPEC if over is None else read_tune_spec(over)
+    spec = gain_space.NO_SPEC if over is None else gain_space.read_tune_spec(over)
     given = [scenario] if not isinstance(scenario, Sequence) or isinstance(scenario, str) else list(scenario)
     choices = [choose_scenario(name).changed(set, None) for name in given]
     outside = [choose_scenario(name).changed(set, None) for name in held_out]
     if not choices:
         raise ValueError("scenario: none; name one or more")
     parts = {"observer": observer, "compensation": compensation}
-    tasks = gain_tasks(choices, law, SEARCHED, seeds, spec.variations, **parts)
+    tasks = gain_space.gain_tasks(choices, law, gain_space.SEARCHED, seeds, spec.variations, **parts)
     if held_out_seeds:
-        tasks += gain_tasks(choices, law, HELD_OUT, held_out_seeds, **parts)
-    tasks += gain_tasks(outside, law, HELD_OUT, [*(seeds or ()), *held_out_seeds], **parts)
+        tasks += gain_space.gain_tasks(choices, law, gain_space.HELD_OUT, held_out_seeds, **parts)
+    tasks += gain_space.gain_tasks(outside, law, gain_space.HELD_OUT, [*(seeds or ()), *held_out_seeds], **parts)
     put_components(choices[0].checked, importable=jobs > 1, changes=set, law=law, **parts)  # checks them
     checked = objective.read_weights([f"{key}={weight}" for key, weight in (weights or {}).items()], "weights")
     plan = TunePlan(tasks, choices[0], checked, parameters, spec, runs)
