@@ -23,6 +23,27 @@ SECOND_AXIS = 32
 """Additional right margin of figures over distance, for a second axis [pixels]."""
 HEIGHT = 230
 CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.75, "line_dash": "dotted"}
+_LABEL = {"text_font": FONT, "text_font_size": "12px", "text_color": INK}
+STYLE: dict[str, dict[str, Any]] = {
+    "Plot": {"outline_line_color": INK, "outline_line_alpha": 0.35, "border_fill_color": None},
+    "Axis": {
+        **{f"{part}_{key}": value for part in ("axis_label", "major_label") for key, value in _LABEL.items()},
+        "axis_label_text_font_style": "normal", "axis_line_color": INK, "major_tick_line_color": INK,
+        "minor_tick_line_color": None,
+    },
+    "Grid": {"grid_line_color": FAINT, "grid_line_alpha": 0.9},
+    "Legend": {
+        **{f"label_{key}": value for key, value in _LABEL.items()}, "border_line_color": None,
+        "background_fill_color": None, "glyph_width": 24, "label_height": 14, "glyph_height": 14, "padding": 2,
+        "margin": 2, "spacing": 14,
+    },
+    "ColorBar": {
+        **{f"title_{key}": value for key, value in _LABEL.items()}, "title_text_font_style": "normal",
+        "title_standoff": 4, "major_label_text_font": FONT, "major_label_text_font_size": "11px", "height": 10,
+        "width": 250, "padding": 4, "background_fill_color": None, "bar_line_color": None,
+    },
+}  # fmt: skip
+"""Bokeh theme of every figure on the page; the width of a colour bar fits a phone."""
 _CLOCK = """
     const sign = value < 0 ? "-" : "", all = Math.abs(value);
     const h = Math.floor(all / 3600), m = Math.floor(all / 60) % 60, s = all - 60 * Math.floor(all / 60);
@@ -160,9 +181,6 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
         min_border_left=LEFT,
         min_border_right=RIGHT,
         min_border_top=4,
-        outline_line_color=INK,
-        outline_line_alpha=0.35,
-        border_fill_color=None,
         output_backend="canvas",
         window_axis="x",
         **options,
@@ -172,23 +190,9 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
     plot.js_on_event(DoubleTap, models.CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
     plot.yaxis.axis_label = axis_title(axis)
     plot.yaxis.formatter = models.BasicTickFormatter(use_scientific=False)
-    for side in plot.axis:
-        style_axis(side)
-    plot.grid.grid_line_color = FAINT
-    plot.grid.grid_line_alpha = 0.9
     if hasattr(plot.y_range, "range_padding"):
         plot.y_range.range_padding = 0.14
     return plot
-
-
-def style_axis(axis: Any) -> None:
-    """Apply the common style to an axis."""
-    axis.axis_label_text_font = axis.major_label_text_font = FONT
-    axis.axis_label_text_font_style = "normal"
-    axis.axis_label_text_font_size = axis.major_label_text_font_size = "12px"
-    axis.axis_label_text_color = axis.major_label_text_color = INK
-    axis.axis_line_color = axis.major_tick_line_color = INK
-    axis.minor_tick_line_color = None
 
 
 def add_page_legend(plot: Figure, items: list[Any]) -> None:
@@ -196,22 +200,7 @@ def add_page_legend(plot: Figure, items: list[Any]) -> None:
     columns = _columns([item.label.value for item in items])
     plot.height += LEGEND_ROW * (math.ceil(len(items) / columns) - 1)
     legend = models.Legend(
-        items=items,
-        orientation="horizontal",
-        location=(0, LEGEND_GAP),
-        click_policy="hide",
-        border_line_color=None,
-        background_fill_color=None,
-        label_text_font=FONT,
-        label_text_font_size="12px",
-        label_text_color=INK,
-        glyph_width=24,
-        label_height=14,
-        glyph_height=14,
-        padding=2,
-        margin=2,
-        spacing=14,
-        ncols=columns,
+        items=items, orientation="horizontal", location=(0, LEGEND_GAP), click_policy="hide", ncols=columns
     )
     plot.add_layout(legend, "above")
 
@@ -336,11 +325,13 @@ def render(page: ReportPage, sections: list[PageSection]) -> str:
     from bokeh.embed import components
     from bokeh.resources import Resources
     from bokeh.settings import settings
+    from bokeh.themes import Theme
     from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup
 
     figures = [placed.figure for section in sections for placed in section.placed]
-    document = Document()
+    theme = Theme(json={"attrs": STYLE})
+    document = Document(theme=theme)
     for figure in figures:
         columns = next((part.ncols for part in figure.above if part.__class__.__name__ == "Legend"), 1)
         figure.tags = [[figure.min_border_left, figure.min_border_right, figure.height, columns]]  # for page.js
@@ -349,7 +340,7 @@ def render(page: ReportPage, sections: list[PageSection]) -> str:
             document.add_root(figure)
     settings.perform_document_validation.set_value(False)  # a sixth of the time of the page
     try:
-        script, places = components(tuple(figures)) if figures else ("", ())
+        script, places = components(tuple(figures), theme=theme) if figures else ("", ())
     finally:
         settings.perform_document_validation.unset_value()
     library = Resources(mode="inline", components=["bokeh"]).render_js() if figures else ""

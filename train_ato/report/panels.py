@@ -11,7 +11,7 @@ from train_ato.messages.types import Array
 from train_ato.program.display_units import shown_name
 from train_ato.report import quantities as q
 from train_ato.report.events import Event
-from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend, style_axis
+from train_ato.report.page import HEIGHT, Figure, Linked, add_page_legend
 from train_ato.report.page_data import MAX_CODE, HeatMap, TrackShape
 
 Table = tuple[models.ColumnDataSource, Sequence[q.Trace]]
@@ -207,9 +207,9 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: q.Heat, largest: float |
     scale = models.LinearColorMapper(
         palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest
     )
-    plot.add_layout(
-        _colour_bar(scale, q.axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")), "above"
-    )
+    title = q.axis_title(f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}")
+    bar = models.ColorBar(color_mapper=scale, title=title, location="top_left", orientation="horizontal")
+    plot.add_layout(bar, "above")
     cell = models.CustomJSHover(
         args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)"
     )
@@ -229,27 +229,6 @@ def heat_figure(linked: Linked, picture: HeatMap, heat: q.Heat, largest: float |
     plot.ygrid.visible = False
     plot.xgrid.visible = False
     return plot
-
-
-def _colour_bar(mapper: models.LinearColorMapper, title: str) -> models.ColorBar:
-    return models.ColorBar(
-        color_mapper=mapper,
-        orientation="horizontal",
-        title=title,
-        title_text_font=q.FONT,
-        title_text_font_size="12px",
-        title_text_font_style="normal",
-        title_text_color=q.INK,
-        title_standoff=4,
-        major_label_text_font=q.FONT,
-        major_label_text_font_size="11px",
-        height=10,
-        width=250,  # fits a phone
-        location="top_left",
-        padding=4,
-        background_fill_color=None,
-        bar_line_color=None,
-    )
 
 
 def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
@@ -336,9 +315,7 @@ def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     plot.extra_y_ranges = {
         "height": models.Range1d(float(shape.height.min()) - 0.1 * span, float(shape.height.max()) + 0.1 * span)
     }
-    side = models.LinearAxis(y_range_name="height", axis_label=q.axis_title("height in m"))
-    style_axis(side)
-    plot.add_layout(side, "right")
+    plot.add_layout(models.LinearAxis(y_range_name="height", axis_label=q.axis_title("height in m")), "right")
     look = q.QUANTITIES["height"]
     heights = plot.line(shape.place, shape.height, line_color=look.colour, line_width=1.8, y_range_name="height")
     items = [
