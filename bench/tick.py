@@ -7,7 +7,7 @@ steps of a tick. Some runs are also measured whole, in Python and in compiled sp
 equal numbers; ``studies_done/tick_parts.py`` has the parts of a span. One of them has a law in Python,
 ``examples/my_law.py``; its goal is 1500 times real time. The exit status is 1 if it is missed widely (see figures.py).
 The messages of a tick are dataclasses without the run-time check of frozen fields
-(:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
+(:func:`plant_sim.states.frozen_message`); the last line compares one of them with the frozen form.
 """
 
 import statistics

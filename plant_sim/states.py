@@ -6,21 +6,32 @@ Name in tables, unit and meaning of every field are defined only here (:func:`de
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from typing import dataclass_transform
+else:  # Python 3.10 does not have it
+
+    def dataclass_transform(**_: Any) -> Any:
+        """Return a decorator without an effect."""
+        return lambda decorator: decorator
+
 
 Array = NDArray[np.float64]
 Message = TypeVar("Message")
 
 
-def frozen_for_types(message: type[Message]) -> type[Message]:
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def frozen_message(kind: type[Message]) -> type[Message]:
     """Make a frozen dataclass without the check at run time; mypy refuses assignments to its fields all the same.
 
     The check is 80 % of the time of a constructor: 0.8 us become 0.15 us for a measurement; a tick makes 20 messages
     (``python bench/tick.py``).
     """
+    message = dataclass(frozen=True, slots=True)(kind)
     entries = dataclasses.fields(message)  # type: ignore[arg-type]
     plain = dataclasses.make_dataclass(
         message.__name__,
@@ -51,8 +62,7 @@ def described(
     return {"description": FieldDescription(column, unit, meaning, permitted)}
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class VehicleStates:
     """True state of every vehicle, shape (n,) each (topic ``train/vehicles``)."""
 
@@ -66,8 +76,7 @@ class VehicleStates:
     )
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Measurement:
     """Measured state (topic ``train/measurement``), with noise, quantisation and faults.
 
@@ -90,8 +99,7 @@ class Measurement:
         )  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class BrakeShoes:
     """Air brake of every vehicle, shape (n,) (topic ``train/brake_shoes``)."""
 
@@ -99,8 +107,7 @@ class BrakeShoes:
     shoe_force: Array = field(metadata=described("shoe_force", "N", "retarding shoe force"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Disturbance:
     """True outside force on every vehicle, shape (n,) (topic ``train/disturbance``)."""
 
@@ -110,8 +117,7 @@ class Disturbance:
     )
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Pipe:
     """Pressure of the brake pipe.
 
@@ -123,8 +129,7 @@ class Pipe:
     pressure: float = field(metadata=described("pressure", "Pa", "absolute; 600 kPa charged"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Odometry:
     """Odometry of the supervisor, wheel first, then radar, shape (2,) each (topic ``train/odometry``).
 

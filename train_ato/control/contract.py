@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from plant_sim.input_error import close_match
-from plant_sim.states import frozen_for_types
+from plant_sim.states import frozen_message
 from plant_sim.units import number_text
 from train_ato.messages.types import Array
 
@@ -35,8 +35,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Preview:
     """Reference samples, one per control period, from the time of effect of the command.
 
@@ -51,8 +50,7 @@ class Preview:
     acceleration: Array
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Lookahead:
     """Reference and known forces at the times that a law names in ``lookahead_times``.
 
@@ -92,8 +90,7 @@ NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 """Lookahead of a law without ``lookahead_times``."""
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class LawInput:
     """Inputs of a law in one step. Arrays have one entry per power unit, front first.
 
@@ -159,8 +156,7 @@ class LawInput:
     lookahead: Lookahead = NO_LOOKAHEAD
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class LawPlan:
     """Planned motion and force of a law that looks ahead. The log and the live page have the newest one once a second.
 
@@ -186,8 +182,7 @@ class LawPlan:
     status: str
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class LawOutput:
     """Output of a law in one step.
 

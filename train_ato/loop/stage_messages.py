@@ -1,11 +1,11 @@
 """Messages of the stages of the loop, by name and in the order of publication."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from plant_sim.states import frozen_for_types
+from plant_sim.states import frozen_message
 from train_ato.messages import types as msg
 from train_ato.messages.topics import AHEAD, REPORT
 
@@ -28,8 +28,7 @@ class StageMessages:
         return [(topic, sent) for name, topic in self.order.items() if (sent := getattr(self, name)) is not None]
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class PlantTruth(StageMessages):
     """True state of the train at a stamp."""
 
@@ -47,8 +46,7 @@ class PlantTruth(StageMessages):
     }  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class PlantMessages(PlantTruth):
     """Truth and measurement of a stamp, at a step of the supervisor with its inputs.
 
@@ -66,8 +64,7 @@ class PlantMessages(PlantTruth):
     }  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class SupervisorMessages(StageMessages):
     """Decision of the supervisor; the release is last, because it ends the step."""
 
@@ -79,8 +76,7 @@ class SupervisorMessages(StageMessages):
     }  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ProfileStart(StageMessages):
     """Profile and speed limits at the start of a run, latched."""
 
@@ -89,8 +85,7 @@ class ProfileStart(StageMessages):
     order: ClassVar[dict[str, str]] = {"profile": "ato/profile", "limits": "ato/limits"}
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ProfileMessages(StageMessages):
     """Reference of a stamp, after the new profile of a re-planning."""
 
@@ -102,8 +97,7 @@ class ProfileMessages(StageMessages):
     }  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ObserverMessages(StageMessages):
     """Disturbance estimate of a stamp."""
 
@@ -112,8 +106,7 @@ class ObserverMessages(StageMessages):
     order: ClassVar[dict[str, str]] = {"diagnostics": "/diagnostics", "estimate": "ato/estimate"}
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ControllerMessages(StageMessages):
     """Command of a stamp, after the brake-pipe pressure of a train with an air brake and the state of the ATO.
 

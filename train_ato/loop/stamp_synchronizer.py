@@ -3,10 +3,10 @@
 import sys
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from plant_sim.states import frozen_for_types
+from plant_sim.states import frozen_message
 from train_ato.messages import types as msg
 
 KINDS = ("measurement", "reference", "estimate")
@@ -15,8 +15,7 @@ SUPERVISED_KINDS = ("protection", "speeds")
 """Additional messages of a step of the supervisor."""
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ControllerInputs:
     """Inputs of one step with the same stamp; ``profile`` is set at the first step of a new profile."""
 

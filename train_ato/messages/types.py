@@ -4,7 +4,7 @@ Stamps are integer nanoseconds since the start of the run; arrays are float64 ov
 a docstring gives another shape.  Forces are > 0 forward, coupler forces > 0 in draft.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import IntEnum
 
 import numpy as np
@@ -19,7 +19,7 @@ from plant_sim.states import (
     Pipe,
     VehicleStates,
     described,
-    frozen_for_types,
+    frozen_message,
 )
 
 __all__ = [
@@ -29,16 +29,14 @@ __all__ = [
 ]  # fmt: skip
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Tick:
     """Simulation stamp (topics ``/clock`` and ``recorder/progress``)."""
 
     stamp: int = field(metadata=described("clock", "s", "simulation time from the epoch 2026-01-01T00:00:00Z"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Reference:
     """Reference of the centre of vehicle 0 (topic ``ato/reference``).
 
@@ -54,8 +52,7 @@ class Reference:
     )
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Trajectory:
     """Knots of a whole profile (``ato/profile``) or the steps of the speed limit (``ato/limits``), shape (k,) each.
 
@@ -70,8 +67,7 @@ class Trajectory:
     acceleration: Array = field(metadata=described("acceleration", "m/s²"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class DisturbanceEstimate:
     """Disturbance force per power unit (topic ``ato/estimate``)."""
 
@@ -79,8 +75,7 @@ class DisturbanceEstimate:
     force: Array = field(metadata=described("disturbance_force", "N", "> 0 forward"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Command:
     """Force demand per power unit as sent (topic ``ato/command``)."""
 
@@ -88,8 +83,7 @@ class Command:
     force: Array = field(metadata=described("force", "N", "> 0 traction, < 0 electric brake"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ForceParts:
     """Parts of the force demand per power unit (topic ``ato/force_parts``)."""
 
@@ -99,8 +93,7 @@ class ForceParts:
     estimate: Array = field(metadata=described("force", "N", "part of the force demand"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class Diagnostic:
     """State of one node (topic ``/diagnostics``, one message per node), or end of the run (``train/end``)."""
 
@@ -111,8 +104,7 @@ class Diagnostic:
     values: dict[str, str] = field(default_factory=dict, metadata=described("", "", "key and value as text, SI"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class BrakeRelease:
     """Release of traction, service brake and emergency brake by the supervisor (topic ``atp/brake_release``).
 
@@ -126,8 +118,7 @@ class BrakeRelease:
     alive: Array = field(metadata=described("alive", "", "alive counter: number of the message, the same for all"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ProtectionState:
     """Traction cut-off and brakes in effect for any reason (topic ``train/protection``)."""
 
@@ -139,8 +130,7 @@ class ProtectionState:
     )
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class SupervisedSpeeds:
     """Estimated speed and limits of the supervisor (topic ``atp/speeds``), shape (5,) each."""
 
@@ -151,8 +141,7 @@ class SupervisedSpeeds:
     speed: Array = field(metadata=described("speed", "m/s"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class TrainAhead:
     """Report of a train for the train behind it (topics ``train/report`` and ``train/ahead``), shape (3,) each.
 
@@ -169,8 +158,7 @@ class TrainAhead:
     time: int = field(metadata=described("reported", "s", "simulation time of the odometry of the report"))
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class FormerTrainAhead:
     """Report of a train in logs of a JointState: the time is in seconds, three times."""
 
@@ -220,8 +208,7 @@ class AtoState(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class AtoReport:
     """State of the ATO with its measured motion (topic ``ato/state``), shape (1,) each."""
 

@@ -7,10 +7,9 @@ that the law receives, so that every law runs with every compensation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from plant_sim.states import frozen_for_types
+from plant_sim.states import frozen_message
 from train_ato.control.contract import LawInput
 from train_ato.messages.types import Array, Measurement, Reference
 
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
     from train_ato.control.compensation.rigid import RigidForce
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class CompensationInput:
     """Inputs of one step, all of the time of a valid measurement.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from plant_sim.elementary import total_of_units
-from plant_sim.states import frozen_for_types
+from plant_sim.states import frozen_message
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.guard import is_valid_state
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 
-@frozen_for_types
-@dataclass(frozen=True, slots=True)
+@frozen_message
 class ObserverInput:
     """Inputs of an observer in one tick. Arrays have one entry per power unit, front first.
 
