@@ -36,11 +36,11 @@ from train_ato.papers.p001_metro.checks import shaking
 from train_ato.papers.p001_metro.claims import PAPER, truth_and_estimate
 from train_ato.papers.p002_freight.cases import LAWS
 from train_ato.papers.p002_freight.observer_trials import fixed_time_bound, nominal_settling, observer_accuracy, truth
-from train_ato.papers.p003_funnel.cases import CASES as FUNNEL_CASES
-from train_ato.papers.p003_funnel.cases import TRAINS as FUNNEL_TRAINS
 from train_ato.papers.p003_funnel.checks import boundaries, last_saturation, off_profile, recovery_by_38
+from train_ato.papers.p003_funnel.claims import CASES as FUNNEL_CASES
+from train_ato.papers.p003_funnel.claims import TRAINS as FUNNEL_TRAINS
 from train_ato.papers.p004_gpc import checks as gpc_judges
-from train_ato.papers.p004_gpc.cases import CASES as GPC_CASES
+from train_ato.papers.p004_gpc.checks import CASES as GPC_CASES
 from train_ato.papers.p004_gpc.checks import command_oscillation
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import prepare

@@ -16,15 +16,14 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
+from train_ato.papers import claims, paper_packages
 from train_ato.papers import claims as c
-from train_ato.papers import paper_packages, paper_runs
 from train_ato.papers.drawing import HELD, panels, save, trace
 from train_ato.papers.p002_freight import cases as p002
-from train_ato.papers.p003_funnel import cases as p003
-from train_ato.papers.p004_gpc import cases as p004
+from train_ato.papers.p003_funnel import claims as p003
+from train_ato.papers.p004_gpc import checks as p004
 from train_ato.papers.page import claims_of, judge_paper, section
-from train_ato.papers.pool import Finished, carry_out, run_cases
-from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
+from train_ato.papers.session import Finished, Judged, carry_out, load_paper, reproduce, run_cases, with_claim
 from train_ato.scenario.scenario import load_scenario
 
 SHORT = c.Case("demo", {"duration": 2})
@@ -214,9 +213,9 @@ def test_every_paper_is_consistent(number: str) -> None:
 def test_a_run_of_a_paper_that_is_named_twice_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the later of two runs with one name replaces the earlier without a word."""
     (tmp_path / "cases.yaml").write_text("laws: {}\nprinted_forms: []\nsingle:\n" + "  a: {scenario: demo}\n" * 2)
-    monkeypatch.setattr(paper_runs, "files", lambda package: tmp_path)
+    monkeypatch.setattr(claims, "files", lambda package: tmp_path)
     with pytest.raises(ValueError, match="line 5: key 'a' is repeated"):
-        paper_runs.read_paper_runs("papers")
+        claims.read_paper_runs("papers")
 
 
 def test_an_unknown_paper_is_refused_by_name() -> None:

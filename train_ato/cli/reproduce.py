@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
     from train_ato.log.run_folder import RunFolder
     from train_ato.papers.claims import CaseTable
-    from train_ato.papers.pool import Finished, Moved
-    from train_ato.papers.session import Judged
+    from train_ato.papers.session import Finished, Judged, Moved
 
 HEADS = (("claim", 5), ("stated", 3), ("measured", 4), ("verdict", 2), ("reason", 6))
 """Columns of the table of claims and their relative widths."""
@@ -55,7 +54,6 @@ def execute(options: argparse.Namespace) -> None:
     """Run the cases of the claims and judge the claims."""
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
-    from train_ato.judge.metric_names import format_value
     from train_ato.papers.session import Judged, load_paper, reproduce, with_claim
 
     numbers = [*paper_packages()] if options.paper == "all" else [options.paper]
@@ -72,15 +70,7 @@ def execute(options: argparse.Namespace) -> None:
     try:
         note_compilation()
         with _bar() as progress:
-            kept = reproduce(
-                papers,
-                folder.path,
-                full=options.full,
-                jobs=options.jobs,
-                done=take,
-                progress=progress,
-                shown=format_value,
-            )
+            kept = reproduce(papers, folder.path, full=options.full, jobs=options.jobs, done=take, progress=progress)
     except OSError as error:
         judged_before = sorted(path.stem for path in folder.path.glob("paper*.json"))
         if not judged_before:
@@ -115,7 +105,7 @@ def _folder(options: argparse.Namespace) -> RunFolder:
 def _bar() -> Iterator[Callable[[Moved | Finished, int], None]]:
     """Show a progress bar of the cases; yield its update function."""
     from train_ato.api.progress import share_bar
-    from train_ato.papers.pool import Moved
+    from train_ato.papers.session import Moved
 
     under_way: dict[str, float] = {}
     ended, begin = 0, time.monotonic()
@@ -174,12 +164,11 @@ def _print(judged: Judged, *, full: bool, screen: Console) -> None:
 def _grid(table: CaseTable, judged: Judged) -> Grid:
     from rich.table import Table as Grid
 
-    from train_ato.judge.metric_names import format_value
     from train_ato.papers.page import table_rows
 
     grid = Grid(title=table.title, title_justify="left")
     for number, head in enumerate(table.columns):
         grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")
     for row in table_rows(table, judged.results):
-        grid.add_row(*(format_value(entry) for entry in row))
+        grid.add_row(*row)
     return grid

@@ -9,12 +9,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.data_text import parse_yaml
 from train_ato.control.gains import PRINTED, has_gains
 from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
@@ -554,3 +556,35 @@ def errors(result: Result, begin: float = 0.0) -> str:
     place, speed = position_error(recording)[late], speed_error(recording)[late & moving(recording)]
     figures = ((largest(place), "m"), (rms(speed), "m/s"), (largest(speed), "m/s"))
     return "; ".join(written(value, unit) for value, unit in figures)
+
+
+class PaperRuns(NamedTuple):
+    """File ``cases.yaml`` of a paper; the runs of every law on every train are made of the first two by the paper.
+
+    Attributes
+    ----------
+    laws : mapping
+        Label and changes of a law by key, in the order of the table.
+    trains : mapping
+        Label and variants of a train by key, in the order of the table.
+    single : dict of Case
+        Single runs by key.
+    printed_forms : tuple of PrintedForm
+        Printed forms, each with the runs to compare.
+    """
+
+    laws: Mapping[str, tuple[str, Mapping[str, Any]]]
+    trains: Mapping[str, tuple[str, str]]
+    single: dict[str, Case]
+    printed_forms: tuple[PrintedForm, ...]
+
+
+def read_paper_runs(package: str) -> PaperRuns:
+    """Read the file of a paper in its package."""
+    data = parse_yaml((files(package) / "cases.yaml").read_text(encoding="utf-8"))
+    return PaperRuns(
+        {key: (label, changes) for key, (label, changes) in data["laws"].items()},
+        {key: (label, variants) for key, (label, variants) in data.get("trains", {}).items()},
+        {key: Case(**case) for key, case in data["single"].items()},
+        tuple(PrintedForm(**form) for form in data["printed_forms"]),
+    )

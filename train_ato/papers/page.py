@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from train_ato.judge.metric_names import format_value
 from train_ato.papers import claims as c
 
 Row = dict[str, str]
@@ -49,7 +50,7 @@ def _judged(claim: c.Claim, results: c.Results) -> c.Judgement:
     try:
         return claim.judge(needed)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        reason: Any = f"the runs have no figures to judge ({type(error).__name__}: {error})"
+        reason = f"the runs have no figures to judge ({type(error).__name__}: {error})"
         return c.Judgement("-", c.Verdict.NOT_REPRODUCED, "; ".join([*failures, reason]))
 
 
@@ -60,10 +61,10 @@ FORMER: Mapping[str, tuple[int, int, int]] = {
 """Number of claims by verdict before the bounds had sources."""
 
 
-def table_rows(table: c.CaseTable, results: c.Results) -> Sequence[Sequence[Any]]:
-    """Return the rows of a table; one row with the reason if a run is missing or failed."""
+def table_rows(table: c.CaseTable, results: c.Results) -> Sequence[Sequence[str]]:
+    """Return the rows of a table as text; one row with the reason if a run is missing or failed."""
     try:
-        return table.rows(results)
+        return [[format_value(entry) for entry in row] for row in table.rows(results)]
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         return [(f"not available: {type(error).__name__}: {error}",)]
 
@@ -88,20 +89,8 @@ def papers_overview(rows: Iterable[Row], papers: Mapping[str, c.Paper], options:
     return head + "\n" + _table(("paper", *verdicts, "before"), lines)
 
 
-def section(
-    paper: c.Paper, rows: Iterable[Row], results: c.Results, figures: Iterable[c.FigureFile], shown: Any = str
-) -> str:
-    """Return the section of a paper.
-
-    Parameters
-    ----------
-    paper, rows, results
-        Paper, rows of its claims, results of its cases.
-    figures
-        Figures with their captions.
-    shown
-        Function from a table entry to text.
-    """
+def section(paper: c.Paper, rows: Iterable[Row], results: c.Results, figures: Iterable[c.FigureFile]) -> str:
+    """Return the section of a paper: the rows of its claims, the tables of its cases, the captions of its figures."""
     keys = ("claim", "stated", "measured", "bounds", "verdict", "reason")
     claims = [[by_lines(row[key]) for key in keys] for row in rows]
     parts = [
@@ -109,8 +98,8 @@ def section(
         _table(("claim", "paper", "here", "bounds", "verdict", "reason"), claims),
     ]
     for table in paper.tables:
-        lines = [[shown(entry) for entry in row] for row in table_rows(table, results)]
-        parts.append(f"{' '.join(table.title.split())}:\n\n" + _table(table.columns, lines))
+        title = " ".join(table.title.split())
+        parts += [f"{title}:\n\n{_table(table.columns, table_rows(table, results))}"]
     drawn = [(f"`{figure.path.stem}`", figure.caption) for figure in figures]
     if drawn:
         head = "Figures in the folder of `train-ato reproduce`, as PNG (300 dpi) and PDF:\n\n"

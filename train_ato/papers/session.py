@@ -1,19 +1,24 @@
-"""One call of ``train-ato reproduce``: papers, their runs, and the files in the output folder."""
+"""One call of ``train-ato reproduce``: papers, their runs in worker processes, and the files in the output folder."""
 
 import importlib
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+import multiprocessing
+import queue
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, wait
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from train_ato.api.search_runs import LostRun, run_outcome, worker_pool
 from train_ato.log.versions import source_hash
 from train_ato.log.whole_file import write_whole
+from train_ato.loop.engine import run_engine
 from train_ato.papers import paper_packages
 from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
 from train_ato.papers.page import Row, cases_of, claims_of, judge_paper, papers_overview, section
-from train_ato.papers.pool import Finished, Moved, run_cases
 from train_ato.report.print_figures import SHEET_SIZE, styled
 
 
@@ -40,6 +45,72 @@ def with_claim(papers: list[Paper], text: str) -> list[Paper]:
         numbers = ", ".join(paper.number for paper in papers)
         raise ValueError(f"--claim '{text}': in no claim of {numbers}; give a part of a claim of reproduction.md")
     return found
+
+
+Task = tuple[str, Case | Calculation]
+POLL_S = 0.1
+"""Interval at which progress is read [s]."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Progress of a case, 0 to 1."""
+
+    key: str
+    fraction: float
+
+
+@dataclass(frozen=True)
+class Finished:
+    """Result of a case."""
+
+    key: str
+    result: Result
+
+
+def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
+    """Run one case in this process; an error is in ``failure`` of the result, as one line.
+
+    Parameters
+    ----------
+    case
+        The case.
+    progress
+        Called with :class:`train_ato.judge.result.Progress` during an engine run.
+    """
+    try:
+        if isinstance(case, Calculation):
+            figures, series = case.function(**case.arguments)
+            return Result(figures, None, None, series)
+        run = run_engine(case.setup(), progress=progress)
+        # judges need the series only
+        recording = run.recording and replace(run.recording, profiles=(), kept_reports=())
+        return Result(run.summary, recording, run.failure)
+    except Exception as error:
+        return Result({}, None, " ".join(f"{type(error).__name__}: {error}".split()))
+
+
+def run_cases(tasks: Iterable[Task], jobs: int) -> Generator[Moved | Finished, None, None]:
+    """Run tasks in their order in worker processes; yield progress and results. ``close`` kills the processes."""
+    moved: Any = multiprocessing.get_context("spawn").Queue()
+    tasks = list(tasks)
+    with worker_pool(partial(_work, moved), jobs) as submit:
+        keys = dict(zip(submit(tasks), (key for key, _ in tasks), strict=True))
+        while keys:
+            done, _ = wait(keys, timeout=POLL_S, return_when=FIRST_COMPLETED)
+            with suppress(queue.Empty):
+                while True:
+                    yield Moved(*moved.get_nowait())
+            for future in done:
+                result = run_outcome(future)
+                lost = isinstance(result, LostRun)
+                yield Finished(keys.pop(future), Result({}, None, result.reason) if lost else result)
+
+
+def _work(moved: Any, task: Task) -> Result:
+    """Run a case in a worker; the queue to the parent must not delay the end of the worker."""
+    moved.cancel_join_thread()
+    return carry_out(task[1], lambda progress: moved.put((task[0], progress.simulated / progress.duration)))
 
 
 @dataclass(frozen=True)
@@ -71,7 +142,6 @@ def reproduce(
     jobs: int,
     done: Callable[[Judged], None],
     progress: Callable[[Moved | Finished, int], None],
-    shown: Callable[[Any], str] = str,
 ) -> list[str]:
     """Run every case of the papers once and judge each paper as soon as its cases are complete.
 
@@ -92,8 +162,6 @@ def reproduce(
         Called with every paper when it is judged.
     progress
         Called with everything that happens and the number of tasks in all.
-    shown
-        Function from a table entry to text.
 
     Returns
     -------
@@ -114,7 +182,7 @@ def reproduce(
                 found[number] = {
                     "code": code[number],
                     "rows": judged.rows,
-                    "section": section(judged.paper, judged.rows, judged.results, judged.figures, shown),
+                    "section": section(judged.paper, judged.rows, judged.results, judged.figures),
                     "cases": {
                         key: {**result.summary, **({"failure": result.failure} if result.failure else {})}
                         for key, result in judged.results.items()

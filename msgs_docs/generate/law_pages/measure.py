@@ -19,7 +19,7 @@ from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
 from train_ato.papers.p002_freight.observer_trials import truth as paper_002
-from train_ato.papers.pool import Finished, run_cases
+from train_ato.papers.session import Finished, run_cases
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
 from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import load_scenario

@@ -5,8 +5,7 @@ Every case has the 2674 s of the driver's run and a tick of 0.05 s (printed PID:
 
 from typing import Any
 
-from train_ato.papers.claims import Case
-from train_ato.papers.paper_runs import read_paper_runs
+from train_ato.papers.claims import Case, read_paper_runs
 
 DURATION = 2674
 """Length of the driver's run [s]."""

@@ -7,8 +7,7 @@ independent optimisation.
 
 from typing import Any
 
-from train_ato.papers.claims import Case
-from train_ato.papers.paper_runs import read_paper_runs
+from train_ato.papers.claims import Case, read_paper_runs
 
 INERTIA = 192_170.0
 """Mass including rotating masses [kg]."""

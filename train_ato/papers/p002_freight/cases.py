@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping
 
-from train_ato.papers.claims import Calculation, Case
+from train_ato.papers.claims import Calculation, Case, read_paper_runs
 from train_ato.papers.p002_freight.observer_trials import nominal_settling, observer_accuracy
-from train_ato.papers.paper_runs import read_paper_runs
 
 DELAYS: Mapping[float, str] = {0.3: "+delay_0_3", 0.6: "", 0.8: "+delay_0_8", 1.0: "+delay_1_0"}
 """Variant of the scenario by command delay [s]."""

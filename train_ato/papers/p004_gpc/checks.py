@@ -1,6 +1,7 @@
 """Judges of the claims of paper 004."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +10,33 @@ from train_ato.papers import claims as c
 from train_ato.papers.claims import largest_position_error as unit_place
 from train_ato.papers.claims import recording as series_of
 from train_ato.papers.p003_funnel.checks import off_profile
-from train_ato.papers.p004_gpc.cases import JUMP, SAMPLINGS, WEIGHTS
 
+SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
+"""Sampling periods of the law [s]."""
+WEIGHTS = (0.001, 0.01, 1.0, 10.0)
+"""Values of lambda at 0.4 s, beside 0.1 [s²]."""
+JUMP = 100.0
+"""Time of the jump of the variant `jump` [s]."""
+SHORT = "crh380a_gpc:short"
+LAWS, TRAINS, SINGLE, PRINTED_FORMS = c.read_paper_runs(__package__)
+
+
+def _gpc(**parameters: Any) -> c.Case:
+    return c.Case(SHORT, {**LAWS["gpc"][1], "laws": {"gpc": parameters}})
+
+
+CASES = (
+    SINGLE
+    | {
+        f"{key} {train}": c.Case(f"{SHORT}{variants}", changes)
+        for key, (_, changes) in LAWS.items()
+        for train, (_, variants) in TRAINS.items()
+    }
+    | {f"Ts {sampling}": _gpc(sampling=sampling) for sampling in SAMPLINGS}
+    | {f"Ts {sampling} held": _gpc(sampling=sampling, beyond_horizon="hold") for sampling in SAMPLINGS}
+    | {f"Ts 0.4 lambda {weight}": _gpc(sampling=0.4, command_weight=weight) for weight in WEIGHTS}
+)
+"""Runs of the CRH380A as three power units for paper 004: 286 km for the figures of the paper, else short."""
 CLAIMS = c.Claims()
 WHERE_MOVING = f"largest speed errors only where v_ref > {c.MOVING:g} m/s"
 STABLE_RMS = 0.05
@@ -321,7 +347,7 @@ def settled_after(results: c.Results) -> c.Judgement:
     )
 
 
-TRAINS = (
+STURDY_TRAINS = (
     ("half_more", "delay x1.5"), ("half_less", "x0.5"), ("heavy", "mass +20 %"), ("light", "-20 %"),
     ("noise", "noise"),
 )  # fmt: skip
@@ -331,12 +357,16 @@ TRAINS = (
 @CLAIMS.judged_by(
     "robust",
     "robust",
-    (f"{key} {train}" for key in ("gpc", "pid preview") for train in ("normal", *(train for train, _ in TRAINS))),
+    (
+        f"{key} {train}"
+        for key in ("gpc", "pid preview")
+        for train in ("normal", *(train for train, _ in STURDY_TRAINS))
+    ),
 )
 def sturdy(results: c.Results) -> c.Judgement:
     """Judge the robustness to delay, mass and noise: at most twice the nominal error."""
-    errors = {label: c.largest_speed_error(results[f"gpc {key}"]) for key, label in TRAINS}
-    others = {label: c.largest_speed_error(results[f"pid preview {key}"]) for key, label in TRAINS}
+    errors = {label: c.largest_speed_error(results[f"gpc {key}"]) for key, label in STURDY_TRAINS}
+    others = {label: c.largest_speed_error(results[f"pid preview {key}"]) for key, label in STURDY_TRAINS}
     cells = ", ".join(f"{label} {error:.2f} ({others[label]:.2f})" for label, error in errors.items())
     nominal = c.largest_speed_error(results["gpc normal"])
     shares = {label: error / nominal for label, error in errors.items()}

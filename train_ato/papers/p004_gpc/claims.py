@@ -10,8 +10,7 @@ from train_ato.papers.claims import largest_speed_error as speed
 from train_ato.papers.claims import recording as series_of
 from train_ato.papers.drawing import panel_grid, save_grid
 from train_ato.papers.p004_gpc import checks as judge
-from train_ato.papers.p004_gpc.cases import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS
-from train_ato.papers.p004_gpc.checks import speed_rms
+from train_ato.papers.p004_gpc.checks import CASES, JUMP, LAWS, PRINTED_FORMS, SAMPLINGS, TRAINS, WEIGHTS, speed_rms
 from train_ato.report.quantities import COLOURS
 
 
