@@ -3,14 +3,11 @@
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.library import read_yaml
 from plant_sim.line import Line
 from plant_sim.track import Track
 from plant_sim.units import KMH
@@ -25,13 +22,6 @@ from train_ato.report.curves import KILO, NEVER_APPLIED, NO_COUPLER, Curves, Not
 from train_ato.report.events import Event, detect_events
 from train_ato.report.quantities import NO_LINES, RUN_COLOURS
 from train_ato.report.words import MODES, driven_laws, evaluation_note
-
-
-@cache
-def page_tables() -> Any:
-    """Return the tables of ``page.yaml`` by name."""
-    return read_yaml(Path(__file__).with_name("page.yaml"))
-
 
 MAX_CODE = 127
 """Largest magnitude of the codes of a heat map."""

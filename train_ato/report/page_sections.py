@@ -12,7 +12,7 @@ from train_ato.program.display_units import display_unit
 from train_ato.report import page_data, panels
 from train_ato.report.curves import Curves, shown_curves
 from train_ato.report.page import HEIGHT, Figure, Linked, PageSection, Placed
-from train_ato.report.quantities import BOUNDS, HEAT, PANELS, VERMILION, Trace, style_of, traces_of
+from train_ato.report.quantities import BOUNDS, HEAT, PANELS, TABLES, VERMILION, Trace, style_of, traces_of
 
 _OVER_TIME = "window.trainAto?.overTime(fields, places, cb_obj.x)"
 _OVER_DISTANCE = "window.trainAto?.overDistance(fields, speed, times, cb_obj.x)"
@@ -88,7 +88,7 @@ FigureTable = Mapping[tuple[str, str], tuple[FigureSpec, ...]]
 
 def _read_figures(kind: str) -> FigureTable:
     """Return a table of figures."""
-    rows = page_data.page_tables()[kind]
+    rows = TABLES[kind]
     return {(row["anchor"], row["title"]): tuple(FigureSpec(**figure) for figure in row["figures"]) for row in rows}
 
 
@@ -106,22 +106,7 @@ HERO = FigureSpec(
 LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
 SUPERVISED = tuple(name for name in BOUNDS if name.endswith("_speed"))
 """Curves of the supervisor; the first screen has the permitted speed only."""
-READINGS: dict[str, tuple[str, str, str, int]] = {
-    "position_km": ("speed", "position", "km", 3),
-    "speed": ("speed", "speed", "km/h", 1),
-    "measured_speed": ("speed", "speed", "km/h", 1),
-    "profile": ("speed", "profile", "km/h", 1),
-    "limit": ("speed", "speed limit", "km/h", 0),
-    "permitted_speed": ("speed", "permitted", "km/h", 0),
-    "speed_error": ("speed_error", "speed error", "km/h", 2),
-    "position_error": ("position_error", "position error", "m", 2),
-    "demand": ("forces", "command", "kN", 0),
-    "applied": ("forces", "applied force", "kN", 0),
-    "draft": ("coupler_extremes", "draft", "kN", 0),
-    "buff": ("coupler_extremes", "buff", "kN", 0),
-    "pipe": ("pipe", "brake pipe, head", "kPa", 0),
-    "pipe_tail": ("pipe", "tail", "kPa", 0),
-}
+READINGS: dict[str, tuple[str, str, str, int]] = TABLES["readings"]
 """Figure, label, unit and digits of the columns in the bar with the values at the cursor."""
 
 
@@ -318,16 +303,6 @@ def _runs_over_distance(linked: Linked, runs: Sequence[ColouredRun]) -> list[Pag
     return [_line_section(linked, tables, places, first, profiles=first.profiles[:1], captions=captions)]
 
 
-DIFFERENCES: tuple[tuple[str, str, str, str], ...] = (
-    ("place", "speed_kmh", "speed_difference", "Speed over distance"),
-    ("place", "time_s", "time_difference", "Time at a place"),
-    ("time", "speed_kmh", "speed_difference", "Speed over time"),
-    ("time", "position_m", "position_difference", "Place over time"),
-    ("time", "force_kn", "force_difference", "Force of all power units over time"),
-)
-"""Figures of the difference: horizontal axis, column, title of the vertical axis, heading."""
-
-
 def _difference_section(linked: Linked, runs: Sequence[ColouredRun]) -> list[PageSection]:
     """Return the figures of the difference from the first run."""
     found = page_data.motion_differences([data for data, _ in runs])
@@ -345,7 +320,7 @@ def _difference_section(linked: Linked, runs: Sequence[ColouredRun]) -> list[Pag
     looks = {data.label: (colour, index) for index, (data, colour) in enumerate(runs)}
     first = runs[0][0].label
     placed = []
-    for over, column, axis, heading in DIFFERENCES:
+    for over, column, axis, heading in TABLES["differences"]:
         tables = []
         for label, curves in reduced.items():
             lines = curves[over]

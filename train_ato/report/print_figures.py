@@ -418,17 +418,7 @@ def _over_distance(data: page_data.PageData) -> Figure | None:
     return figure
 
 
-PRINT_FIGURES: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "speed": ("", ("speed",), "speed"),
-    "errors": ("", ("speed_error", "position_error"), "errors"),
-    "forces": ("", ("forces", "unit_forces"), "force of the power units"),
-    "couplers": ("couplers", ("coupler_extremes",), "coupler forces"),
-    "air_brake": ("shoes", ("pipe", "shoe_force"), "air brake"),
-    "disturbance": ("", ("disturbance",), "disturbance"),
-    "delay": ("", ("delay",), "delay from command to effect"),
-    "energy": ("", ("energy",), "work done on the train"),
-    "signals": ("", ("signals",), "own signals"),
-}
+PRINT_FIGURES: dict[str, tuple[str, list[str], str]] = q.TABLES["print"]
 """Heat map, panels and title of the figures over time by file name."""
 DISTANCE = "speed_over_distance"
 

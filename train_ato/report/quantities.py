@@ -7,9 +7,12 @@ red, zero white and buff blue.
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from plant_sim.library import read_yaml
 from train_ato.messages.types import Array
 from train_ato.program.display_units import display_unit
 
@@ -31,6 +34,19 @@ _BUFF_TO_DRAFT = (
     "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f",
 )  # fmt: skip
 _NONE_TO_FULL = ("#ffffff", "#fff7bc", "#fee391", "#fec44f", "#fe9929", "#ec7014", "#cc4c02", "#993404", "#662506")
+
+
+TABLES: dict[str, Any] = read_yaml(Path(__file__).with_name("page.yaml"))
+"""Tables of the figures by name, for page and print."""
+_NAMED = {
+    "blue": BLUE, "orange": ORANGE, "green": GREEN, "vermilion": VERMILION, "purple": PURPLE, "sky": SKY, "grey": GREY,
+    "black": BLACK, "brown": BROWN, "wine": WINE, "indigo": INDIGO, "olive": OLIVE,
+}  # fmt: skip
+
+
+def _coloured(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with the value of its colour."""
+    return {**row, "colour": _NAMED.get(row["colour"], row["colour"])}
 
 
 @dataclass(frozen=True)
@@ -63,54 +79,7 @@ class CurveStyle:
 
 OF_ONE = " on the power unit's vehicle"
 """Part of a label replaced by the number of the power unit if there are several."""
-QUANTITIES: dict[str, CurveStyle] = {
-    "emergency_brake_speed": CurveStyle("emergency brake (EBI)", "km/h", BLACK, "dotted", 1.2),
-    "service_brake_speed": CurveStyle("service brake (SBI)", "km/h", PURPLE, width=1.2),
-    "warning_speed": CurveStyle("warning speed", "km/h", ORANGE, width=1.2),
-    "permitted_speed": CurveStyle("permitted speed", "km/h", GREEN, width=1.2),
-    "profile": CurveStyle("profile", "km/h", GREY, width=3.2, digits=2),
-    "speed": CurveStyle("train", "km/h", BLUE, digits=2),
-    "measured_speed": CurveStyle("train (measured)", "km/h", BLUE, digits=2),
-    "limit": CurveStyle("speed limit", "km/h", VERMILION, "dashed"),
-    "line_limit": CurveStyle("speed limit of the line", "km/h", VERMILION, "dashed"),
-    "replanned": CurveStyle("re-planned profile", "km/h", GREEN, "dashed", 2.0, 2),
-    "speed_error": CurveStyle("speed error", "km/h", BLUE, digits=3),
-    "position_error": CurveStyle("position error", "m", BLUE, digits=2),
-    "demand": CurveStyle("command", "kN", ORANGE),
-    "applied": CurveStyle("applied force", "kN", BLUE),
-    "envelope_high": CurveStyle("maximum traction", "kN", GREY, "dotted", 1.0, 0),
-    "envelope_low": CurveStyle("maximum electric brake", "kN", GREY, "dotted", 1.0, 0),
-    "draft": CurveStyle("largest draft along the train", "kN", "#b2182b"),
-    "buff": CurveStyle("largest buff along the train", "kN", "#2166ac"),
-    "first_coupler": CurveStyle("first coupler", "kN", BLACK, width=1.0),
-    "middle_coupler": CurveStyle("middle coupler", "kN", GREEN, width=1.0),
-    "last_coupler": CurveStyle("last coupler", "kN", ORANGE, width=1.0),
-    "estimate": CurveStyle("estimate", "kN", GREEN, width=1.0),
-    "whole_truth": CurveStyle("truth on the whole train", "kN", GREY, width=1.0),
-    "truth": CurveStyle(f"truth{OF_ONE}", "kN", PURPLE, width=1.6),
-    "delay_set": CurveStyle("set in the scenario, with lag", "s", ORANGE, width=2.2, digits=2),
-    "delay": CurveStyle("identified from the log", "s", BLUE, digits=2),
-    "delay_assumed": CurveStyle("assumed by the law", "s", GREEN, "dashed", digits=2),
-    "pipe_demand": CurveStyle("brake pipe, command", "kPa", ORANGE),
-    "pipe": CurveStyle("brake pipe at the head", "kPa", BLUE),
-    "pipe_tail": CurveStyle("brake pipe at the tail", "kPa", PURPLE),
-    "shoe_force": CurveStyle("shoe force, whole train", "kN", BROWN, digits=0),
-    "traction": CurveStyle("traction", "kWh", VERMILION),
-    "regenerated": CurveStyle("electric brake, regenerated", "kWh", GREEN),
-    "running": CurveStyle("running resistance", "kWh", GREY),
-    "curve": CurveStyle("curves", "kWh", PURPLE),
-    "grade": CurveStyle("grades", "kWh", BLACK),
-    "air_brake": CurveStyle("air brake", "kWh", BROWN),
-    "couplers": CurveStyle("draft gears", "kWh", SKY),
-    "outside": CurveStyle("disturbances", "kWh", SKY, "dotted"),
-    "kinetic": CurveStyle("kinetic energy", "kWh", BLUE, "dashed"),
-    "speed_kmh": CurveStyle("speed difference", "km/h", BLUE, digits=2),
-    "time_s": CurveStyle("time difference", "s", BLUE, digits=2),
-    "position_m": CurveStyle("difference of places", "m", BLUE, digits=2),
-    "force_kn": CurveStyle("force difference", "kN", BLUE),
-    "signal": CurveStyle("own signal", "", BLUE, digits=3),
-    "height": CurveStyle("height above the start", "m", GREEN, digits=1),
-}
+QUANTITIES = {name: CurveStyle(**_coloured(row)) for name, row in TABLES["curves"].items()}
 """Appearance of every quantity."""
 
 
@@ -125,24 +94,7 @@ def unit_in_figures(column: str) -> str:
     return QUANTITIES[name].unit if name in QUANTITIES else ""
 
 
-AXES: dict[str, str] = {
-    "speed": "speed in km/h",
-    "speed_error": "speed error in km/h",
-    "position_error": "position error in m",
-    "force": "force of all units in kN",
-    "coupler": "coupler force in kN (draft > 0)",
-    "disturbance": "disturbance in kN (forward > 0)",
-    "delay": "delay in s",
-    "pressure": "pressure in kPa",
-    "shoe_force": "shoe force in kN",
-    "energy": "energy in kWh",
-    "grade": "grade in ‰ (uphill > 0)",
-    "distance": "position of vehicle 0 in km",
-    "speed_difference": "speed difference in km/h",
-    "time_difference": "time difference in s",
-    "position_difference": "difference of places in m",
-    "force_difference": "force difference in kN",
-}
+AXES: dict[str, str] = TABLES["axes"]
 """Titles of the axes."""
 
 
@@ -159,38 +111,10 @@ class Kind:
     colour: str
 
 
-KINDS: dict[str, Kind] = {
-    "law": Kind("change of law or parameters", PURPLE),
-    "air_brake": Kind("air brake applied or released", BROWN),
-    "limit": Kind("force at its limit", ORANGE),
-    "disturbance": Kind("disturbance", SKY),
-    "supervision": Kind("supervision limit exceeded", INDIGO),
-    "protection": Kind("train protection: traction cut-off or brake", WINE),
-    "ato": Kind("state of the ATO", OLIVE),
-    "outside": Kind("intervention: gust, delay or emergency brake", BLUE),
-    "plan": Kind("re-planning", GREEN),
-    "fault": Kind("fault", VERMILION),
-    "scored": Kind("end of the evaluation", GREY),
-    "end": Kind("early end of the run", BLACK),
-}
+KINDS = {name: Kind(**_coloured(row)) for name, row in TABLES["kinds"].items()}
 """Kinds of event."""
 
-PANELS: dict[str, tuple[str, str]] = {
-    "speed": ("speed", "speed"),
-    "speed_error": ("speed_error", "speed error"),
-    "position_error": ("position_error", "position error"),
-    "forces": ("force", "forces"),
-    "unit_forces": ("applied force in kN", "force of every power unit"),
-    "couplers": ("", "force along the train"),
-    "coupler_extremes": ("coupler", "coupler extremes"),
-    "disturbance": ("disturbance", "disturbance"),
-    "delay": ("delay", "delay"),
-    "pipe": ("pressure", "brake pipe"),
-    "shoes": ("", "shoe force along the train"),
-    "shoe_force": ("shoe_force", "shoe force of the whole train"),
-    "energy": ("energy", "energy"),
-    "signals": ("own signals in units of their own", "own signals"),
-}
+PANELS: dict[str, tuple[str, str]] = {name: tuple(row) for name, row in TABLES["panels"].items()}
 """Panels over time: key or title of the y axis, and name where the panel is missing; heat maps have no axis."""
 
 

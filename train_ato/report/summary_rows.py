@@ -18,7 +18,8 @@ from train_ato.judge.verdict import (
     verdict_line,
 )
 from train_ato.program.display_units import display_unit
-from train_ato.report.page_data import PageData, page_tables
+from train_ato.report.page_data import PageData
+from train_ato.report.quantities import TABLES
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Row:
 
 
 GROUPS: dict[str, tuple[Row, ...]] = {
-    title: tuple(Row(key, *cells) for key, cells in rows.items()) for title, rows in page_tables()["metrics"].items()
+    title: tuple(Row(key, *cells) for key, cells in rows.items()) for title, rows in TABLES["metrics"].items()
 }
 """The rows of the summary."""
 SUPERVISION = "Supervision"
