@@ -41,31 +41,7 @@ DPI, SCREEN_DPI = 300, 150
 """Resolution for print and screen [dots per inch]."""
 HEIGHT = 1.75
 """Height of a panel [inch]."""
-STYLE: dict[str, Any] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 8.0,
-    "axes.labelsize": 8.0,
-    "axes.titlesize": 8.5,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5,
-    "axes.edgecolor": q.INK,
-    "axes.labelcolor": q.INK,
-    "xtick.color": q.INK,
-    "ytick.color": q.INK,
-    "text.color": q.INK,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "axes.grid": True,
-    "grid.color": q.FAINT,
-    "grid.linewidth": 0.5,
-    "axes.axisbelow": True,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "train_ato",
-    "axes.unicode_minus": True,
-}
+STYLE: dict[str, Any] = q.TABLES["style"]
 """One style for every figure."""
 LOW = {"pipe": 0.6, "shoe_force": 0.6}
 """Panels that are lower than the others where there are many."""
