@@ -70,13 +70,7 @@ def own_yaml(model: Line | Consist) -> str:
 
 
 def ttobench_json(line: Line) -> tuple[str, tuple[str, ...]]:
-    """Return a line as TTOBench JSON from its begin on, and the keys of the line that it does not carry.
-
-    Raises
-    ------
-    ValueError
-        If the line has no speed limit at its begin, which this format needs.
-    """
+    """Return a line as TTOBench JSON from its begin on, and the keys of the line that it does not carry."""
     limits = line.speed_limits
     if not limits or limits[0].at > line.begin:
         raise ValueError(

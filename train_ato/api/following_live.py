@@ -31,11 +31,6 @@ def write_live_scenarios(file: FollowingFile, out: Path) -> tuple[dict[str, Path
     """Make a folder with the scenario of every train, with live reports of the train ahead; return the files by train.
 
     The namespace of a train is its name.
-
-    Raises
-    ------
-    ValueError
-        For a train that cannot run, two trains at one place, or a name that is no namespace of ROS 2.
     """
     names = [train.name for train in file.spec.trains]
     for name in names:

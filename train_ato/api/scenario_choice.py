@@ -272,13 +272,7 @@ class ComponentChoice:
             )
 
     def check_importable(self) -> None:
-        """Check that another process can import the component.
-
-        Raises
-        ------
-        ValueError
-            If its class was defined in a script, a notebook or a function.
-        """
+        """Check that another process can import the component."""
         if ":" in self.name:
             try:
                 load_class(self.name)

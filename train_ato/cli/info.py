@@ -118,13 +118,7 @@ def _check_formulas(formulas: Sequence[str]) -> None:
 
 
 def requirement_rows_of(run: Path, formulas: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the rows of formulas over the log of a run, as in ``criteria`` of a summary.
-
-    Raises
-    ------
-    ValueError
-        For a log without its scenario or a complete tick, or a signal that the run does not have.
-    """
+    """Return the rows of formulas over the log of a run, as in ``criteria`` of a summary."""
     if not formulas:
         return []
     from train_ato.judge.requirements import recorded_rows
@@ -142,11 +136,6 @@ def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
         Run folder or log.
     other
         None: no evaluation; :data:`ALONE`: without another run.
-
-    Raises
-    ------
-    ValueError
-        For a run that cannot be read, or without couplers.
     """
     from train_ato.api.progress import activity
     from train_ato.log.reading import partial_of

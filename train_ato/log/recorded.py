@@ -161,13 +161,7 @@ def _values(topic: Topic, group: LayoutRecords) -> tuple[Array, dict[str, Array]
 
 
 def open_recording(run: Path, *, vehicles: bool = True, namespace: str = "") -> Recording:
-    """Read a run folder or a log with its scenario and summary; ``namespace`` is that of one of several trains in it.
-
-    Raises
-    ------
-    ValueError
-        As :func:`read_recording`, or if the log has no topic of the table.
-    """
+    """Read a run folder or a log with its scenario and summary; ``namespace``: that of one of several trains."""
     setup, summary, missing = _surroundings(run)
     found = read_recording(run, setup, vehicles=vehicles, namespace=namespace)
     if not (found.topics or found.profiles or found.kept_reports):
@@ -210,13 +204,7 @@ REPORT_S = 2.0
 
 
 def read_changes(run: Path) -> RunChanges:
-    """Return the planned and requested changes of a run: laws, parameters, interventions, ATO requests.
-
-    Raises
-    ------
-    ValueError
-        If it is not a log, or damaged.
-    """
+    """Return the planned and requested changes of a run: laws, parameters, interventions, ATO requests."""
     return RunChanges.of(read_reports(run))
 
 

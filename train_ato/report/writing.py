@@ -43,13 +43,7 @@ class Request:
 
 
 def checked(runs: list[Path], page: Path | None, figures: Path | None, kind: str) -> Request:
-    """Check and return the arguments of a report.
-
-    Raises
-    ------
-    ValueError
-        No such run, equal runs, or a file that exists or is not writable.
-    """
+    """Check and return the arguments of a report."""
     for run in runs:
         log_file(run)
     places = [run.resolve() for run in runs]

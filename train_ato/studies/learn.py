@@ -88,11 +88,6 @@ def residual_of(recording: Recording, model: TrainModel) -> Residual:
         Run with measured position, speed and force.
     model
         Nominal model of the run; its learned resistance is not used.
-
-    Raises
-    ------
-    ValueError
-        If the train does not move.
     """
     model = model.without_learned
     time, measured = recording.time, {}
@@ -234,11 +229,6 @@ class RunAverage:
         Number of the last runs in the average.
     former
         Result of former runs to go on from; it counts as its number of runs.
-
-    Raises
-    ------
-    ValueError
-        For a spacing or memory out of range.
     """
 
     def __init__(

@@ -106,13 +106,7 @@ class LogSignals:
 
 
 def read_signals(run: Path) -> LogSignals:
-    """Read the signals of a run folder or a log.
-
-    Raises
-    ------
-    ValueError
-        If it is not a log, damaged, or has no message of a run.
-    """
+    """Read the signals of a run folder or a log."""
     path = log_file(run)
     names: dict[str, str] = {}
     joints: dict[str, tuple[str, ...]] = {}

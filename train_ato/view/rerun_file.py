@@ -76,11 +76,6 @@ def write_scene_log(
     -------
     SceneLog
         Messages of the scene, and the largest coupler force.
-
-    Raises
-    ------
-    ValueError
-        If the log is damaged, or has no state of the vehicles.
     """
     path = log_file(run)
     force, worst = largest_force(run, setup)

@@ -85,11 +85,6 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
 
     A total force is distributed equally over the power units.  Without a recorded demand the command is the force at
     the wheel; without a recorded reference it is the profile.
-
-    Raises
-    ------
-    ValueError
-        If a force is too large for the train, or the brake pipe or the force is missing.
     """
     if not found.force:
         raise ValueError(

@@ -72,11 +72,6 @@ class Rows:
         Times from the first row on [s].
     notes : list of str
         Bridged gaps, one line each.
-
-    Raises
-    ------
-    ValueError
-        If the time is missing or does not increase, or a gap is too long.
     """
 
     def __init__(self, table: CsvTable, largest_gap: float) -> None:

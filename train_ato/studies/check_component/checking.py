@@ -106,11 +106,6 @@ def check_component(
     -------
     list of Finding
         Results; the component passes if none has ``passed`` False.
-
-    Raises
-    ------
-    ValueError
-        If the class cannot be loaded, or the name is not registered.
     """
     named: Any = target
     if isinstance(target, str):

@@ -150,13 +150,7 @@ class CurveInputs(SiModel):
         )
 
     def train(self) -> train_model.SupervisedTrain:
-        """Return the train data.
-
-        Raises
-        ------
-        ValueError
-            If the conversion model is not applicable to a lambda train.
-        """
+        """Return the train data."""
         return train_model.SupervisedTrain(
             length=self.length_m,
             max_speed=self.max_speed_kmh / KMH,
@@ -219,13 +213,7 @@ class CurveInputs(SiModel):
         return {"speed_kmh": speed * KMH, "begin_m": limits.target.location - begin}
 
     def limits(self) -> TargetLimits:
-        """Return the supervision limits of the target.
-
-        Raises
-        ------
-        ValueError
-            If the conversion model is not applicable, or the brake is weaker than the gradient.
-        """
+        """Return the supervision limits of the target."""
         train, fixed = self.train(), self.fixed_values()
         target = BrakingTarget(
             self.target_location_m, self.target_speed_kmh / KMH, self.target_type, self.eoa_location_m

@@ -51,13 +51,7 @@ def curve_location(limits: TargetLimits, name: str, motion: MotionEstimate) -> C
 
 
 def tabulate(limits: TargetLimits, motion: MotionEstimate, speeds: dict[str, list[float]]) -> CurveTable:
-    """Return the distances before the target for the speeds [km/h] of each curve.
-
-    Raises
-    ------
-    ValueError
-        If a curve does not exist at a speed.
-    """
+    """Return the distances before the target for the speeds [km/h] of each curve."""
     table: CurveTable = {}
     for name, wanted in speeds.items():
         location = curve_location(limits, name, motion)

@@ -101,13 +101,7 @@ def _check_registered(key: str, value: Any, where: str) -> None:
 
 
 def _refusal(choice: ScenarioChoice, candidates: tuple[Point, ...], parts: PartCache, where: str) -> str | None:
-    """Return the reason of a value that no candidate can be prepared with, None if one can.
-
-    Raises
-    ------
-    ValueError
-        If no candidate is a valid scenario.
-    """
+    """Return the reason of a value that no candidate can be prepared with, None if one can."""
     reasons, valid = [], False
     for point in candidates:
         try:

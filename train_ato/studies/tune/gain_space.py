@@ -255,11 +255,6 @@ def gain_space(
         Parameters to vary; None: those of ``over``, or all numeric ones above 0.
     spec
         Ranges, lists of values and start values; a list of one value fixes a parameter.
-
-    Raises
-    ------
-    ValueError
-        For an unknown parameter, one without a range, a range beyond the declared bounds, or an empty search space.
     """
     declared = {entry.name: entry for entry in LAWS.parameters(law)}
     initial = {name: values.get(name, entry.default) for name, entry in declared.items()}

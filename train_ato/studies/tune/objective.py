@@ -102,13 +102,7 @@ TERMS: tuple[ObjectiveTerm, ...] = (
 
 
 def read_weights(texts: Sequence[str], option: str = "--criterion") -> dict[str, float]:
-    """Return the weight of every term from ``speed=2,stop=0`` texts; the others keep their default.
-
-    Raises
-    ------
-    ValueError
-        For an unknown term, a negative weight, or no weight above 0.
-    """
+    """Return the weight of every term from ``speed=2,stop=0`` texts; the others keep their default."""
     weights = {term.key: term.weight for term in TERMS}
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         key, equals, number = part.partition("=")

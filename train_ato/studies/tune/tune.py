@@ -130,11 +130,6 @@ class TunePlan:
         Weight of every term of the score.
     parameters, spec, runs
         Names of the varied parameters, their ranges, and the number of runs, as for :func:`tune`.
-
-    Raises
-    ------
-    ValueError
-        For a law that does not fit a train, a wrong search space, or too few runs.
     """
 
     def __init__(
