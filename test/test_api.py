@@ -167,7 +167,7 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
     my_law = importlib.import_module("my_law")
     run = ta.run("demo", law=my_law.MyLaw(gain=0.2), set=SHORT)
-    assert run.setup.controller_parameters["my_law:MyLaw"]["gain"] == 0.2
+    assert run.setup.scenario.laws["my_law:MyLaw"]["gain"] == 0.2
     assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
 
 

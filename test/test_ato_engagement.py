@@ -423,7 +423,7 @@ def test_a_run_whose_parameters_were_set_together_is_read_again() -> None:
     """Breaks if the changes of a step are checked one after the other: its folder was refused."""
     setup = setup_of("demo", "law=gpc", "laws.gpc={n: 20, nu: 10}")
     again = RunChanges(laws=[(3 * SECOND, {"gpc.n": 3, "gpc.nu": 2})]).driven(setup.scenario)
-    assert len(prepare(again, Path()).law_changes) == 2
+    assert len(prepare(again, Path()).scenario.law_changes) == 2
 
 
 @pytest.mark.parametrize("stamp", [0, 1, 100_000_000, 700_000_000, 86_399_900_000_000, 2_599_300_000_001])

@@ -147,8 +147,8 @@ def plant_slopes(name: str, speed: float, lag: float) -> tuple[np.ndarray, np.nd
 
     def accelerations(moved: np.ndarray, faster: np.ndarray, force: np.ndarray) -> np.ndarray:
         start = {"positions": tuple((places + moved).tolist()), "speeds": tuple((speeds + faster).tolist())}
-        plant = setup.plant.model_copy(
-            update={"start": type(setup.plant.start).model_validate(start), "lag": 0.0, "ideal_actuator": True,
+        plant = setup.scenario.plant.model_copy(
+            update={"start": type(setup.scenario.plant.start).model_validate(start), "lag": 0.0, "ideal_actuator": True,
                     "disturbances": (), "jumps": ()}
         )  # fmt: skip
         train = Train(consist, LEVEL, plant, step_ns=STEP_NS, tick_ns=STEP_NS, seed=0)

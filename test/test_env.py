@@ -262,7 +262,7 @@ def test_options_and_seeds_of_a_reset():
 
     def rolled(**given: Any) -> tuple[int, bytes]:
         first, _ = env.reset(**given)
-        return env.setup.seed, b"".join([first.tobytes(), *(env.step(1e5)[0].tobytes() for _ in range(30))])
+        return env.setup.scenario.seed, b"".join([first.tobytes(), *(env.step(1e5)[0].tobytes() for _ in range(30))])
 
     first, drawn, again = rolled(), rolled(), rolled(seed=11)
     assert first == again and first[0] == 11
@@ -336,7 +336,7 @@ def test_wrong_uses_are_refused_in_one_line():
     env.restore(other_state := env.save())
     with pytest.raises(ValueError, match="has ended"):
         env.step(0.0)
-    assert other_state.seed == env.setup.seed
+    assert other_state.seed == env.setup.scenario.seed
 
 
 def test_the_caller_may_write_into_all_that_a_step_returns():

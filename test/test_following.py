@@ -144,12 +144,13 @@ def test_reports_keep_their_bits_as_text() -> None:
 def test_the_safe_rear_is_behind_the_rear_with_the_errors_of_both_odometers() -> None:
     """Fails with the larger position, without the error of SUBSET-041, or with the length of relaxed couplers."""
     setup = metro(REPORTS)
-    reporter = TrainReporter(setup.consist, setup.plant, setup.line, 80.0 / 3.6)
+    reporter = TrainReporter(setup.consist, setup.scenario.plant, setup.line, 80.0 / 3.6)
     odometry = Odometry(0, np.array([1002.0, 1000.0]), np.array([3.0, 3.2]), np.array([300.0, 290.0]))
     found = reporter.report(odometry)
     assert found.front == 1001.0
     assert found.rear == pytest.approx(1000.0 - 20.0 - stretched_length(setup.consist))
-    slow = ShortestStop(setup.consist, setup.plant, setup.line, 80.0 / 3.6).way(3.0 - 2.0 / 3.6, 1021.0, found.rear)
+    shortest = ShortestStop(setup.consist, setup.scenario.plant, setup.line, 80.0 / 3.6)
+    slow = shortest.way(3.0 - 2.0 / 3.6, 1021.0, found.rear)
     assert found.stop == pytest.approx(slow)
     consist = ta.scenario("demo").prepare().consist
     by_hand = consist.length
@@ -164,7 +165,7 @@ def test_the_shortest_stop_is_that_of_the_strongest_and_lightest_train() -> None
     setup = metro(REPORTS)
     line = line_of(10e3, grades=[{"at": 0, "grade": 0}, {"at": 1500, "grade": 0.02}, {"at": 1600, "grade": -0.02}])
     consist = setup.consist
-    stop = ShortestStop(consist, setup.plant, line, 80.0 / 3.6)
+    stop = ShortestStop(consist, setup.scenario.plant, line, 80.0 / 3.6)
     mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
     full = sum(consist.friction_forces)
 
@@ -506,7 +507,7 @@ def test_the_end_of_the_lookahead_is_that_of_the_supervisor() -> None:
     """By hand: the safe rear less 10 m, 5 m and 5 % of the distance since the balise, and half a vehicle."""
     own, law = end_ahead()
     track, half = own.setup.supervisor().track, own.setup.consist.vehicles[0].length / 2.0
-    rear, spacing = own.setup.leader_reports[-1].rear, own.setup.plant.odometry.balise_spacing
+    rear, spacing = own.setup.leader_reports[-1].rear, own.setup.scenario.plant.odometry.balise_spacing
     end = rear - own.setup.scenario.leader.rear_margin  # type: ignore[union-attr]
     t, place_max = law.seen[-1][:2]
     assert t > 95.0
@@ -574,7 +575,7 @@ def test_a_profile_begins_in_motion() -> None:
     """Fails if a profile cut by `since` begins at rest or elsewhere, or the first report has another place."""
     whole = ta.scenario(METRO).prepare().profile
     setup = ta.scenario({**METRO, "profile": {**METRO["profile"], "since": 30}}).prepare()
-    assert (setup.plant.start.position, setup.plant.start.speed) == whole.at(30.0)[:2]
+    assert (setup.scenario.plant.start.position, setup.scenario.plant.start.speed) == whole.at(30.0)[:2]
     assert setup.profile.at(5.0)[:3] == whole.at(35.0)[:3]
     run = ta.run({**METRO, "duration": 1, "profile": {**METRO["profile"], "since": 30}})
     assert first_report(run.setup)[2:4] == pytest.approx(train_reports(run.recording, run.setup)[0][2:4])

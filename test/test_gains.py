@@ -75,7 +75,7 @@ def test_the_resolved_scenario_runs_with_the_same_gains(tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text(first.resolved_yaml())
     again = setup_of(str(path))
-    assert set(again.controller_parameters["lag_smc"]) == {entry.name for entry in LAWS.parameters("lag_smc")}
+    assert set(again.scenario.laws["lag_smc"]) == {entry.name for entry in LAWS.parameters("lag_smc")}
     assert again.law("lag_smc").parameters == first.law("lag_smc").parameters  # type: ignore[attr-defined]
     assert again.gains("lag_smc").reason == first.gains("lag_smc").reason
 

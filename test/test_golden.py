@@ -131,7 +131,7 @@ def test_a_record_whose_evaluation_has_no_tick_is_repeated(tmp_path: Path) -> No
         setup_of(str(file))
     assert ta.verify(run).equal
     recorded, _ = read_run_folder(run)
-    assert setup_with_law(recorded, run, "smc", lambda choice: choice).controller == "smc"
+    assert setup_with_law(recorded, run, "smc", lambda choice: choice).scenario.law == "smc"
 
 
 def test_a_missing_message_is_one_difference(tmp_path: Path, wire: Wire) -> None:

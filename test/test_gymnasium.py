@@ -32,7 +32,7 @@ def test_a_seed_is_that_of_the_run_and_its_end_is_terminated():
     runs, ended = [], False
     for seed in (7, None, 7, None):
         env.reset(seed=seed)
-        runs.append(env.unwrapped.run_env.setup.seed)
+        runs.append(env.unwrapped.run_env.setup.scenario.seed)
     assert runs[0] == runs[2] == 7 and runs[1] == runs[3] != 7
     while not ended:
         obs, _, ended, truncated, info = env.step(np.array([1.0]))

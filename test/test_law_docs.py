@@ -200,10 +200,7 @@ def test_the_page_has_the_nominal_scenarios_that_are_shipped_and_the_gains_of_th
     for row in ROWS:
         if "source" in row:
             setup, law = setups[row["scenario"]], row["law"]
-            given = {
-                **setup.controller_parameters.get(law, {}),
-                **({"gains": PRINTED} if row["gains"] == PRINTED else {}),
-            }
+            given = {**setup.scenario.laws.get(law, {}), **({"gains": PRINTED} if row["gains"] == PRINTED else {})}
             taken = setup.gains(law, given).source
             assert row["source"] == taken, row
             assert table.gains_text(row) == (taken if row["gains"] else "own")

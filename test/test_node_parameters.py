@@ -252,7 +252,7 @@ def test_rate_and_lockstep_at_the_start(make, given, lockstep, rate):
 
 def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):
     bench = make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=ndo"])
-    assert bench.node.stage.setup.observer == "ndo"
+    assert bench.node.stage.setup.scenario.observer == "ndo"
     assert not set_parameter(bench.endpoints.node, "observer", "none").successful
     with pytest.raises(ValueError, match=r"unknown observer 'nda'.*ndo"):
         make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=nda"])

@@ -193,6 +193,6 @@ def test_the_example_is_a_run_without_a_law() -> None:
     """Breaks if a variant of the example loses its train, or the run gets a law."""
     for case, vehicles in zip(CASES, (83, 83, 83, 124), strict=True):
         setup = setup_of(f"{EXAMPLE}:{case}", "duration=10")
-        assert len(setup.consist.vehicles) == vehicles and "open_loop" in setup.controller
+        assert len(setup.consist.vehicles) == vehicles and "open_loop" in setup.scenario.law
         assert not setup.layout.supervised
         assert setup.advice().startswith("profile.driver.1: the run ends at 10 s, before the action at 30 s; ")

@@ -342,7 +342,7 @@ def test_trains_are_variants_of_the_short_run() -> None:
         assert setup.model.inertia == nominal.model.inertia
         assert setup.model.lag == nominal.model.lag
         assert list(setup.model.delay) == list(nominal.model.delay)
-        assert setup.plant != nominal.plant or setup.links != nominal.links
+        assert setup.scenario.plant != nominal.scenario.plant or setup.scenario.links != nominal.scenario.links
 
 
 @pytest.mark.parametrize("error", [0.011, 0.1, 4.0])

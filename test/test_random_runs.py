@@ -124,10 +124,10 @@ def rolling(name: str) -> RunSetup:
     part = slice(first, first + count + round(30.0 / setup.tick))  # the profile goes on for 30 s beyond the run
     whole = setup.profile
     profile = Profile.uniform(0.0, setup.tick, whole.position[part], whole.velocity[part], whole.acceleration[part])
-    start = setup.plant.start.model_copy(
+    start = setup.scenario.plant.start.model_copy(
         update={"position": float(profile.position[0]), "speed": float(profile.velocity[0])}
     )
-    plant = setup.plant.model_copy(update={"start": start})
+    plant = setup.scenario.plant.model_copy(update={"start": start})
     scenario = setup.scenario.model_copy(update={"plant": plant})
     return dataclasses.replace(setup, scenario=scenario, profile=profile, ticks=count)
 

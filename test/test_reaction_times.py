@@ -19,7 +19,7 @@ def reactions_of(topic: str, *sets: str) -> tuple[dict[str, float], float, float
     recording = run_engine(setup).recording
     assert recording is not None
     times = {span.state: span.begin - LOSS for span in reversed(state_spans(recording.reports, "plant"))}
-    return times, setup.links.command.longest, setup.tick
+    return times, setup.scenario.links.command.longest, setup.tick
 
 
 @pytest.mark.parametrize("tick", [0.1, 0.02], ids=["10 Hz", "50 Hz"])

@@ -280,7 +280,7 @@ def test_the_reaction_to_missing_commands_rises_with_their_age() -> None:
     setup = metro()
     tick, failsafe = setup.tick, setup.scenario.supervision.failsafe
     found = reactions(TrainProtection(setup), 0, 300, setup.tick_ns, command=100)
-    nominal = setup.links.command.longest + tick
+    nominal = setup.scenario.links.command.longest + tick
     ages = [(index - 99) * tick for index in range(300)]
     for age, level in zip(ages, found, strict=True):
         excess = age - nominal
@@ -329,7 +329,7 @@ def test_an_age_equal_to_a_bound_is_permitted() -> None:
     after = [level for level, at in zip(found, excess, strict=True) if at - tick in bounds]
     assert after == [Protection.COAST, Protection.SERVICE_BRAKE, Protection.EMERGENCY_BRAKE]
     found = reactions(TrainProtection(setup), 0, 60, tick, release=9)  # the last one has the stamp of tick 8
-    longest = round(setup.links.brake_release.longest * 1e9)
+    longest = round(setup.scenario.links.brake_release.longest * 1e9)
     last = (8 * tick + 1_000_000_000 + longest) // tick
     assert (1_000_000_000 + longest) % tick == 0
     assert found[last : last + 2] == [Protection.NONE, Protection.EMERGENCY_BRAKE]

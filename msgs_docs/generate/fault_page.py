@@ -141,7 +141,7 @@ class FaultRun:
         intervention and the end of the traction, and the speed error of the odometers.
         """
         setup = self.setup
-        consist, odometry = setup.consist, setup.plant.odometry
+        consist, odometry = setup.consist, setup.scenario.plant.odometry
         limit = highest_limit(setup.line)
         traction = sum(Envelope(consist.vehicles[i].traction).largest() for i in consist.power_units)
         grade = max((-entry.grade for entry in setup.line.grades), default=0.0)

@@ -289,7 +289,7 @@ def _compared(
 ) -> Compared:
     """Run one law; keep only the data of the figures in memory."""
     law.put_into(setup.scenario)  # registers this class, if two classes have one name
-    gains = setup.gains(setup.controller).source or OWN
+    gains = setup.gains(setup.scenario.law).source or OWN
     folder = None if keep is None else keep / re.sub(r"[^\w.()=,+-]+", "-", law.label)
     try:
         run = drive(setup, RunMode(), out=folder, shown=shown, title=law.label, option="out")

@@ -61,7 +61,7 @@ def node_parameters(setup: RunSetup) -> dict[str, dict[str, Any]]:
                 endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
                 make_node(role, setup, endpoints, None, GraphOptions())
                 values = {name: entry.value for name, entry in endpoints.node.get_parameters_by_prefix("").items()}
-                blocks = ("", setup.controller if role is Role.CONTROLLER else setup.observer)
+                blocks = ("", setup.scenario.law if role is Role.CONTROLLER else setup.scenario.observer)
                 found[role.value] = {
                     name: value
                     for name, value in values.items()

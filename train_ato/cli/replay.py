@@ -238,7 +238,7 @@ def compare_laws(options: argparse.Namespace) -> None:
     result = evaluated(recorded, changed, options.run, recorded_summary, figure)
     summary = {
         "run": str(options.run),
-        "recorded_controller": recorded_summary.get("controller", recorded.controller),
+        "recorded_controller": recorded_summary.get("controller", recorded.scenario.law),
         "controller": options.law,
         **result.summary(),
         "figure": str(figure),

@@ -238,7 +238,7 @@ class RunResult:
 
 def _doubted(setup: RunSetup, summary: Mapping[str, Any]) -> dict[str, str]:
     """Return ``advice`` on the own gains of a whole run that is not tracked or failed without a change; else {}."""
-    tracked, name = is_tracked(summary), setup.controller
+    tracked, name = is_tracked(summary), setup.scenario.law
     whole = summary["status"] == DONE and summary["controller"] == name
     if "advice" in summary or not whole or (tracked and summary.get("verdict") != "failed"):
         return {}
@@ -284,17 +284,17 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
 
 def identity(setup: RunSetup, ticks: int, outside: Mapping[str, str] = MappingProxyType({})) -> dict[str, Any]:
     """Return the first entries of a summary: scenario, stack, nodes of other programs, seed and duration."""
-    gains, external = setup.gains(setup.controller), {node: f"external: {name}" for node, name in outside.items()}
+    gains, external = setup.gains(setup.scenario.law), {node: f"external: {name}" for node, name in outside.items()}
     fit = {"gains": gains.source, "gains_reason": gains.reason} if gains.reason else {}
     fit |= {"advice": advice} if (advice := setup.advice()) else {}
     return {
         "scenario": setup.scenario.name,
-        "controller": external.get("controller", setup.controller),
+        "controller": external.get("controller", setup.scenario.law),
         **({} if "controller" in external else fit),
-        "observer": external.get("observer", setup.observer),
-        "compensation": external.get("controller", setup.compensation),
+        "observer": external.get("observer", setup.scenario.observer),
+        "compensation": external.get("controller", setup.scenario.compensation),
         **({"external": dict(outside)} if outside else {}),
-        "seed": setup.seed,
+        "seed": setup.scenario.seed,
         "ticks": ticks,
         "simulated_s": ticks * setup.tick,
     }

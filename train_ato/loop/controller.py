@@ -97,7 +97,7 @@ class ControllerStage:
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
         self._parameters: dict[str, dict[str, Any]] = {
-            name: dict(values) for name, values in setup.controller_parameters.items()
+            name: dict(values) for name, values in setup.scenario.laws.items()
         }
         self.profile: Profile | None = None
         limits = setup.scenario.profile.limits
@@ -105,19 +105,19 @@ class ControllerStage:
         self.stack: ControlStack | None = None
         leader = setup.scenario.leader
         self.authority = None if leader is None or leader.authority is None else AuthorityAhead(setup)
-        self.planned = sorted(setup.law_changes, key=lambda change: change.at)
+        self.planned = sorted(setup.scenario.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
         self._given: scenario_changes.Changes = {}
         self.asked: scenario_changes.Changes = {}
         self.inputs = StageInputs(setup, self.role)
         self.inputs.ends["ato/reference"].check = self._reference_problem
-        links, step, seed = setup.links, setup.step_ns, setup.seed
+        links, step, seed = setup.scenario.links, setup.step_ns, setup.scenario.seed
         self._measurement_link = MessageLink(links.measurement, step, seed, "measurement")
         self._reference_link = MessageLink(links.reference, step, seed, "reference")
         self._estimate_link = MessageLink(links.estimate, step, seed, "estimate")
-        self.call = ComponentCall(f"law '{setup.controller}'")
-        self.controller = setup.controller
+        self.call = ComponentCall(f"law '{setup.scenario.law}'")
+        self.controller = setup.scenario.law
         self.changed: scenario_changes.Changes = {}
         self.received: Received
         self.answer: Answer | None = None
@@ -129,9 +129,9 @@ class ControllerStage:
         self.outage = ""
         self.takeover: TakeoverRamp | None = None
         self.step_times = array("q")
-        self._fit = self._fit_of(setup.controller)
+        self._fit = self._fit_of(setup.scenario.law)
         self._constants = {
-            "compensation": setup.compensation,
+            "compensation": setup.scenario.compensation,
             "delay": repr(setup.model.delay.tolist()),
             "delay_brake": repr(setup.model.delay_brake.tolist()),
             "lag": repr(setup.model.lag),
@@ -200,7 +200,7 @@ class ControllerStage:
             controller_parameters=self._parameters,
             make_law=partial(setup.component, LAWS),
             compensation=setup.component(
-                COMPENSATIONS, setup.compensation, setup.compensation_parameters, setup.control_period
+                COMPENSATIONS, setup.scenario.compensation, setup.compensation_parameters, setup.control_period
             ),
             brake_policy=setup.brake_policy(),
             profile=profile,

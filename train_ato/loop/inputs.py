@@ -50,7 +50,7 @@ class StageInputs:
                 BY_NAME[name],
                 role,
                 faults,
-                setup.seed,
+                setup.scenario.seed,
                 checked=setup.layout.supervised,
                 max_age=round(ages[name] * 1e9) if name in ages else None,
             )

@@ -43,16 +43,16 @@ class ObserverStage:
     def __init__(self, setup: RunSetup, given: Changes | None = None) -> None:
         self.setup = setup
         self._given = given or {}
-        observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
+        observer = setup.component(OBSERVERS, setup.scenario.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[fault.ComponentFailed], None] | None = None
         self._limit = fault.step_limit(observer)
         self._none = np.zeros(setup.model.n_units) if type(observer) is NoObserver else None
         self.failure: fault.ComponentFailed | None = None
         self.answer: DisturbanceEstimate | BaseException | None = None
         self.stack = ObserverStack(setup.model, observer, setup.brake_policy())
-        self._call = ComponentCall(f"observer '{setup.observer}'")
+        self._call = ComponentCall(f"observer '{setup.scenario.observer}'")
         self.inputs = StageInputs(setup, self.role)
-        self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
+        self._link = MessageLink(setup.scenario.links.measurement, setup.step_ns, setup.scenario.seed, "measurement")
 
     def step(self, stamp: int, measurement: Measurement) -> DisturbanceEstimate:
         """Return the estimate for a stamp [ns] and the newest valid measurement, from those that have arrived.
@@ -66,13 +66,13 @@ class ObserverStage:
                     with self._limit:
                         estimate = self.stack.step(arrived)
                     text = fault.estimate_fault(
-                        setup.observer, self.stack.observer, estimate.force, setup.model.n_units
+                        setup.scenario.observer, self.stack.observer, estimate.force, setup.model.n_units
                     )
                     if not text:
                         return DisturbanceEstimate(stamp, np.array(estimate.force, dtype=np.float64))
                 except BaseException as error:  # a user-defined observer may raise any
                     fault.raise_if_interrupted(error)
-                    cause, text = error, fault.fault_of_error("observer", setup.observer, error)
+                    cause, text = error, fault.fault_of_error("observer", setup.scenario.observer, error)
                 self.failure = fault.ComponentFailed(text, self.role.value)
                 self.failure.__cause__ = cause
                 if self.on_fault is not None:
@@ -94,7 +94,7 @@ class ObserverStage:
 
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the observer at a stamp [ns]."""
-        values = {"observer": self.setup.observer, **self.inputs.diagnostics()}
+        values = {"observer": self.setup.scenario.observer, **self.inputs.diagnostics()}
         if self._given:
             values[GIVEN] = changes_to_json(self._given)
             self._given = {}

@@ -205,23 +205,24 @@ class PlantStage:
         self.restarts: dict[str, int] = {}
         self.outage_changed = False
         self.reported = Protection.NONE
-        self._service_brake = FullServiceBrake(setup.consist, setup.plant)
+        self._service_brake = FullServiceBrake(setup.consist, setup.scenario.plant)
         self.train = setup.train()
-        self.link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
+        links, seed = setup.scenario.links, setup.scenario.seed
+        self.link = Link(links.command, setup.layout.n_units, setup.step_ns, seed, "command")
         self.interventions = TrainInterventions(setup, self.train, self.link, self.protection, self.inputs)
-        pipe = setup.links.brake_pipe
+        pipe = links.brake_pipe
         self.pipe_link: Link | None = None
         if setup.consist.air_brake is not None and pipe != LinkSpec():
             charged = setup.consist.air_brake.charged  # demanded until the first command arrives
-            self.pipe_link = Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe", initial=charged)
+            self.pipe_link = Link(pipe, 1, setup.step_ns, seed, "brake_pipe", initial=charged)
         self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
         self.half = setup.consist.vehicles[0].length / 2.0
         self.odometers: Odometers | None = None
         if setup.layout.supervised:
             front = float(self.train.position[0]) + self.half
-            slips = setup.plant.sensors.wheel_slip
-            self.odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
+            slips = setup.scenario.plant.sensors.wheel_slip
+            self.odometers = Odometers(setup.scenario.plant.odometry, slips, front, seed)
         self.reports = ReportSender(setup) if setup.layout.reports else None
         self.radio = ReportRadio(setup) if setup.layout.behind else None
         self.tick = self.stamp = 0

@@ -60,7 +60,7 @@ class ProfileStage:
         leader = setup.scenario.leader
         self.headway = None if leader is None or leader.headway is None else HeadwayProfile(setup)
         self.inputs = StageInputs(setup, self.role)
-        self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
+        self._link = MessageLink(setup.scenario.links.measurement, setup.step_ns, setup.scenario.seed, "measurement")
         self._decision: ReplanDecision | None = None
         self._counts = 0, 0
         self.answer: tuple[ReplanDecision | None] | None = None

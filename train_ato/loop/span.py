@@ -260,7 +260,7 @@ class CompiledSpans:
         self.observer: Any = stages.observer.stack.observer
         self.observing = _call_of_observer(self.observer)
         kind, setup = type(self.observer), stages.setup
-        scenario, links = setup.scenario, setup.links
+        scenario, links = setup.scenario, setup.scenario.links
         compiled = kind is NoObserver or (issubclass(kind, RecordObserver) and kind.step is _OBSERVER_STEP)
         self._calls_observer = not compiled or links.measurement != LinkSpec()
         planned = scenario.replan or scenario.force_shares or scenario.unit_displacements
@@ -478,8 +478,8 @@ class Span:
         """Return True if this law, or one after a planned change, uses the forecast of the shoe forces."""
         uses_feedforward = getattr(self._stack.law, "uses_feedforward", True)
         compensation = self._stack.compensation
-        used = self.law.uses_shoes or isinstance(compensation, Predictor)
-        return bool(self._setup.law_changes or used or (uses_feedforward and not isinstance(compensation, Twin)))
+        used = self._setup.scenario.law_changes or self.law.uses_shoes or isinstance(compensation, Predictor)
+        return bool(used or (uses_feedforward and not isinstance(compensation, Twin)))
 
     def _predicting(self) -> tuple[Any, ...]:
         """Return the records of the compensation `predictor`, empty ones for another."""

@@ -42,7 +42,7 @@ def reporter_of(setup: RunSetup) -> TrainReporter:
     """
     if not setup.layout.supervised:
         raise ValueError("supervision.enabled: the reports need the odometry; set supervision.enabled: true")
-    return TrainReporter(setup.consist, setup.plant, setup.line, setup.supervisor().track.train.max_speed)
+    return TrainReporter(setup.consist, setup.scenario.plant, setup.line, setup.supervisor().track.train.max_speed)
 
 
 class ReportSender:
@@ -125,7 +125,7 @@ class ReportReceiver:
         spec = setup.scenario.leader
         assert spec is not None
         self._reports, self._next = list(setup.leader_reports), 0
-        self._link = Link(spec.link, 1, setup.step_ns, setup.seed, f"leader/{name}")
+        self._link = Link(spec.link, 1, setup.step_ns, setup.scenario.seed, f"leader/{name}")
         self._arrived = self._sent = 0
         self._seen, self._states = -1, [ReceiverState(-1)]
 
@@ -263,7 +263,7 @@ class AuthorityAhead:
         self._moving = MovingAuthority(setup, setup.supervisor().track, "controller")
         self.receiver = self._moving.receiver
         self._half = setup.consist.vehicles[0].length / 2.0
-        self._spacing = setup.plant.odometry.balise_spacing
+        self._spacing = setup.scenario.plant.odometry.balise_spacing
 
     def at(self, now: int, places: Array) -> tuple[float, Array]:
         """Return the largest place and the permitted speeds at places, both of vehicle 0's centre, at a time [ns].

@@ -113,7 +113,7 @@ def setup_with_law(
     data: dict[str, Any] = yaml.safe_load(recorded.resolved_yaml())
     choice = change(ScenarioChoice(data, run, data))
     scenario = put_components(choice.checked, law=law, importable=False)
-    if scenario.law != recorded.controller:
+    if scenario.law != recorded.scenario.law:
         scenario = scenario.model_copy(update={"law_changes": ()})
     changed = dataclasses.replace(choice.prepare(scenario, recorded=True), given=given_objects(scenario, law=law))
     if changed.layout != recorded.layout or changed.tick_ns != recorded.tick_ns:
@@ -127,7 +127,7 @@ def evaluated(
     """Return the outputs of a law on the recorded inputs of a run, and draw them."""
     from train_ato.playback.open_loop import replay_open_loop
 
-    law = changed.controller
+    law = changed.scenario.law
     with progress_bar(f"{law} on the inputs of {run.name}") as progress:
         result = replay_open_loop(changed, run, progress)
     if figure is not None:
@@ -146,7 +146,7 @@ def output_names(recorded: RunSetup, summary: dict[str, Any], law: str) -> tuple
     from train_ato.api.import_csv.run import MEASURED, NOT_RECORDED
     from train_ato.report.words import driven_laws
 
-    driven = {"controller": recorded.controller, **summary}
+    driven = {"controller": recorded.scenario.law, **summary}
     laws = driven_laws(driven)
     if summary.get("controller") != MEASURED:
         name = f"{laws}, recorded{' with a restart' if 'controller' in summary.get('restarts', {}) else ''}"

@@ -204,9 +204,9 @@ def delays(recording: rec.Recording, jumps: list[tuple[float, float, float]]) ->
     longest, lag = DEFAULT_MAX_DELAY, 0.0
     result: dict[str, Array] = {}
     if recording.setup is not None:
-        lags = set_lag(recording, recording.setup.plant, time, demand.shape[1])
-        lag = float(np.mean(recording.setup.plant.lag))
-        known = set_delay(recording.setup.links.command, lags, jumps, time, demand)
+        lags = set_lag(recording, recording.setup.scenario.plant, time, demand.shape[1])
+        lag = float(np.mean(recording.setup.scenario.plant.lag))
+        known = set_delay(recording.setup.scenario.links.command, lags, jumps, time, demand)
         result["delay_set"] = known
         longest = 2.0 * float(known.max() - lag) + 1.0
     found = _without_saturation(recording, *found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag))
@@ -350,7 +350,7 @@ def force_curves(recording: rec.Recording) -> Curves:
 
 def _envelope(recording: rec.Recording, time: Array, largest: float) -> dict[str, Array]:
     setup, motion = recording.setup, recording.motion
-    if setup is None or motion is None or setup.plant.ideal_actuator:
+    if setup is None or motion is None or setup.scenario.plant.ideal_actuator:
         return {}
     low, high = envelope(setup.model, aligned(time, motion.time, motion["velocity"][:, 0]))
     if max(float(np.nanmax(high, initial=0.0)), -float(np.nanmin(low, initial=0.0))) > FAR_ENVELOPE * KILO * largest:

@@ -53,7 +53,7 @@ def scenario_events(recording: Recording) -> Iterator[Event]:
 def _disturbances(recording: Recording) -> Iterator[Event]:
     assert recording.setup is not None
     begin, end = recording.span
-    for source in recording.setup.plant.disturbances:
+    for source in recording.setup.scenario.plant.disturbances:
         late = getattr(source, "shift", None) or 0.0
         if isinstance(source, Gust):
             text = f"gust of {source.acceleration:+g} m/s²" if source.acceleration else f"gust of {source.force:+g} N"
@@ -94,10 +94,10 @@ def _over_places(recording: Recording, kind: str, begin: float, end: float, text
 def _jumps(recording: Recording) -> Iterator[Event]:
     assert recording.setup is not None
     begin, end = recording.span
-    link = recording.setup.links.command.jump
+    link = recording.setup.scenario.links.command.jump
     if link is not None:
         yield from _within(Event("fault", link.at, longer(link.factor, link.add)), begin, end)
-    for jump in recording.setup.plant.jumps:
+    for jump in recording.setup.scenario.plant.jumps:
         if isinstance(jump, TrainSeparation):
             text = f"coupler behind vehicle {', '.join(map(str, jump.vehicles))} parts"
         else:
@@ -111,7 +111,7 @@ def _jumps(recording: Recording) -> Iterator[Event]:
 
 def _sensors(recording: Recording) -> Iterator[Event]:
     assert recording.setup is not None
-    sensors = recording.setup.plant.sensors
+    sensors = recording.setup.scenario.plant.sensors
     for freeze in sensors.freeze:
         what = "position and speed" if freeze.quantity == "both" else freeze.quantity
         text = f"unit {freeze.unit}: measured {what} frozen"
@@ -262,7 +262,7 @@ def _law(recording: Recording) -> Iterator[Event]:
     series = recording.diagnostics.get("controller")
     if series is None:
         return
-    planned = [swap.at for swap in recording.setup.law_changes] if recording.setup is not None else []
+    planned = [swap.at for swap in recording.setup.scenario.law_changes] if recording.setup is not None else []
     names, swaps, changed = series.texts("controller"), series.numbers("swaps"), series.texts(changes.KEY)
     for row, time in enumerate(series.time.tolist()):
         before, now = names[max(0, row - 1)], names[row]

@@ -428,10 +428,10 @@ def fact_texts(recording: Recording) -> dict[str, str]:
         size = f"{vehicles}, {powered}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m"
         facts["train"] = f"{consist.name} ({size})"
         facts["line"] = setup.line.name
-        facts["law"] = driven_laws(summary) or setup.controller
-        facts["observer"] = setup.observer
-        facts["compensation"] = setup.compensation
-        facts["seed"] = str(setup.seed)
+        facts["law"] = driven_laws(summary) or setup.scenario.law
+        facts["observer"] = setup.scenario.observer
+        facts["compensation"] = setup.scenario.compensation
+        facts["seed"] = str(setup.scenario.seed)
         facts["tick"] = f"{setup.tick:g} s"
     if "controller" in summary:
         facts["law"] = driven_laws(summary)

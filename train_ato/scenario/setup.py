@@ -37,7 +37,7 @@ from train_ato.scenario import scenario_data
 from train_ato.scenario.changes import effective_stamp
 from train_ato.scenario.formula import parse_formula, signals_of
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
-from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
+from train_ato.scenario.scenario import Scenario
 from train_ato.scenario.signals import unavailable_signal
 from train_ato.scenario.supervised_plan import SpeedCeiling, profile_within
 from train_ato.supervision.supervisor import Supervisor
@@ -254,62 +254,22 @@ class RunSetup:
     ahead: tuple[TrainAhead, ...] = ()
 
     @property
-    def plant(self) -> PlantBlock:
-        """Block ``plant`` of the scenario."""
-        return self.scenario.plant
-
-    @property
-    def seed(self) -> int:
-        """Seed of every random stream."""
-        return self.scenario.seed
-
-    @property
-    def links(self) -> Links:
-        """Delays on topics."""
-        return self.scenario.links
-
-    @property
-    def observer(self) -> str:
-        """Name of the observer."""
-        return self.scenario.observer
-
-    @property
     def observer_parameters(self) -> dict[str, Any]:
         """Parameters of the observer that differ from its defaults."""
-        return self.scenario.observers.get(self.observer, {})
-
-    @property
-    def controller(self) -> str:
-        """Name of the law at the start."""
-        return self.scenario.law
-
-    @property
-    def controller_parameters(self) -> dict[str, dict[str, Any]]:
-        """Parameters of every law that differ from its defaults."""
-        return self.scenario.laws
+        return self.scenario.observers.get(self.scenario.observer, {})
 
     @property
     def laws(self) -> tuple[str, ...]:
         """Names of the laws this run can change to: the registered ones, and each ``module:Class`` of the scenario."""
-        named = [self.controller, *self.controller_parameters]
-        for change in self.law_changes:
-            named += [change.law or self.controller, *change.laws]
+        named = [self.scenario.law, *self.scenario.laws]
+        for change in self.scenario.law_changes:
+            named += [change.law or self.scenario.law, *change.laws]
         return tuple(dict.fromkeys((*LAWS.loadable(), *named)))
-
-    @property
-    def compensation(self) -> str:
-        """Name of the delay compensation."""
-        return self.scenario.compensation
 
     @property
     def compensation_parameters(self) -> dict[str, Any]:
         """Parameters of the compensation that differ from its defaults."""
-        return self.scenario.compensations.get(self.compensation, {})
-
-    @property
-    def law_changes(self) -> tuple[LawChange, ...]:
-        """Planned changes of laws and parameters."""
-        return self.scenario.law_changes
+        return self.scenario.compensations.get(self.scenario.compensation, {})
 
     @property
     def has_faults(self) -> bool:
@@ -363,13 +323,13 @@ class RunSetup:
     def law(self, name: str, values: Mapping[str, Any] | None = None) -> Law:
         """Return a law of this run with the parameters of the scenario, or with others."""
         if values is None:
-            values = self.controller_parameters.get(name, {})
-        return scenario_data.fitting_law(name, values, self.model, self.control_period, self.compensation)
+            values = self.scenario.laws.get(name, {})
+        return scenario_data.fitting_law(name, values, self.model, self.control_period, self.scenario.compensation)
 
     def gains(self, name: str, values: Mapping[str, Any] | None = None) -> Gains:
         """Return the parameters of a law in this run, with those of the scenario or with others given."""
         if values is None:
-            values = self.controller_parameters.get(name, {})
+            values = self.scenario.laws.get(name, {})
         return LAWS.gains(name, values, self.model, self.control_period)
 
     def reporting(self) -> RunSetup:
@@ -384,20 +344,19 @@ class RunSetup:
         """
         if name is None and self.scenario.profile.driver is not None:
             return without_effect(self.scenario)
-        name = self.controller if name is None else name
+        name = self.scenario.law if name is None else name
         law, gains = self.law(name, values), self.gains(name, values)
         given = self.compensation_parameters
-        predicted = getattr(COMPENSATIONS.get(self.compensation), "predicts", False)
-        judged = not predicted or (self.compensation == "predictor" and given.get("train", "rigid") == "rigid")
+        predicted = getattr(COMPENSATIONS.get(self.scenario.compensation), "predicts", False)
+        judged = not predicted or (self.scenario.compensation == "predictor" and given.get("train", "rigid") == "rigid")
         unstable = bool(gains.own) and judged and is_unstable(law, self.model, self.control_period, predicted=predicted)
-        return advice(name, law, gains, self.model, self.control_period, self.compensation, unstable=unstable)
+        return advice(name, law, gains, self.model, self.control_period, self.scenario.compensation, unstable=unstable)
 
     def train(self) -> Train:
         """Return the train at its start."""
         try:
-            return Train(
-                self.consist, self.line, self.plant, step_ns=self.step_ns, tick_ns=self.tick_ns, seed=self.seed
-            )
+            plant, seed = self.scenario.plant, self.scenario.seed
+            return Train(self.consist, self.line, plant, step_ns=self.step_ns, tick_ns=self.tick_ns, seed=seed)
         except ValueError as error:
             raise ValueError(f"plant: {error}") from None
 
@@ -425,7 +384,7 @@ class RunSetup:
 
     def supervisor(self) -> Supervisor:
         """Return the supervisor of the train on its line, up to the stop at the end of the profile."""
-        reaction = (self.supervision_ticks + 1) * self.tick + self.links.brake_release.longest
+        reaction = (self.supervision_ticks + 1) * self.tick + self.scenario.links.brake_release.longest
         return scenario_data.line_supervisor(self.scenario, self.consist, self.line, self.profile, reaction)
 
     def replanner(self, profile: Profile | None = None) -> Replanner | None:
@@ -456,8 +415,8 @@ class RunSetup:
 
     @cached_property
     def _resolved_data(self) -> dict[str, Any]:
-        later = (law for change in self.law_changes for law in (change.law, *change.laws) if law)
-        laws = {**self.scenario.laws, **{law: self._all_values(law) for law in (self.controller, *later)}}
+        later = (law for change in self.scenario.law_changes for law in (change.law, *change.laws) if law)
+        laws = {**self.scenario.laws, **{law: self._all_values(law) for law in (self.scenario.law, *later)}}
         scenario = self.scenario.model_copy(update={"laws": laws})
         return resolved_data(scenario, self.folder, self.consist, self.line, self.model)
 
@@ -542,8 +501,8 @@ def _check_choices(setup: RunSetup) -> None:
     check_parameters(setup.scenario)
     check_leader(setup)
     _check_laws(setup)
-    OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
-    COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
+    OBSERVERS.make(setup.scenario.observer, setup.observer_parameters, setup.model, setup.tick)
+    COMPENSATIONS.make(setup.scenario.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
     setup.force_distribution()
     setup.planned_displacement()
@@ -558,9 +517,9 @@ def _check_choices(setup: RunSetup) -> None:
 
 def _check_laws(setup: RunSetup) -> None:
     """Create the initial law, and every law with the parameters after the planned changes of each step."""
-    law, blocks = setup.controller, {name: dict(values) for name, values in setup.controller_parameters.items()}
+    law, blocks = setup.scenario.law, {name: dict(values) for name, values in setup.scenario.laws.items()}
     setup.law(law, blocks.get(law, {}))
-    planned = sorted(setup.law_changes, key=lambda change: change.at)
+    planned = sorted(setup.scenario.law_changes, key=lambda change: change.at)
     for _, changes in groupby(planned, key=lambda change: effective_stamp(change, setup.tick_ns)):
         for change in changes:
             law = change.law or law

@@ -485,7 +485,7 @@ def _add(average: RunAverage, row: dict[str, Any], name: str, unused: dict[str, 
 
 
 def _hash(setup: RunSetup) -> str:
-    return model_hash(setup.model.consist, setup.model.line, over_length=setup.plant.grade_over_length)
+    return model_hash(setup.model.consist, setup.model.line, over_length=setup.scenario.plant.grade_over_length)
 
 
 def _empty(setup: RunSetup, spacing: float) -> LearnedResistance:

@@ -106,7 +106,7 @@ def _truth(setup: RunSetup, recording: Recording) -> Array:
     of others the outside force on the unit's vehicle, with the rate of its speed offset where it has one (d2 + d1' of
     paper 002).
     """
-    if any(spec.kind == "paper002" for spec in setup.plant.disturbances):
+    if any(spec.kind == "paper002" for spec in setup.scenario.plant.disturbances):
         _, pushed, offset_rate = paper_002(recording.time)
         return float(setup.model.unit_inertia[0]) * (pushed[:, 0] + offset_rate[:, 0])
     if setup.layout.n_vehicles > 1:

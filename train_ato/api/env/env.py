@@ -221,7 +221,7 @@ class Env(CallerForces):
 
     def _begin(self, seed: int) -> None:
         """Make the stages of a run with a seed."""
-        if seed != self.setup.seed:
+        if seed != self.setup.scenario.seed:
             self.setup = replace(self.setup, scenario=self.setup.scenario.model_copy(update={"seed": seed}))
         self._loop = loop = SteppedLoop(self.setup)
         loop.start()
@@ -420,7 +420,8 @@ class Env(CallerForces):
         """
         loop = self._started()
         data = self._shared.dump((loop.state, self._episode))
-        return EnvState(self.setup.scenario.name, self._fingerprint(), self.setup.seed, data, loop.history.mark())
+        scenario = self.setup.scenario
+        return EnvState(scenario.name, self._fingerprint(), scenario.seed, data, loop.history.mark())
 
     @refusing
     def restore(self, state: EnvState) -> tuple[Observation, dict[str, Any]]:
@@ -437,7 +438,7 @@ class Env(CallerForces):
         other = [key for key in {**own, **state.hashes} if own.get(key) != state.hashes.get(key)]
         if other:
             raise ValueError(f"restore: state of another scenario, '{state.scenario}' with another {', '.join(other)}")
-        if self._loop is None or self.setup.seed != state.seed:
+        if self._loop is None or self.setup.scenario.seed != state.seed:
             self._begin(state.seed)
         loop = self._started()
         try:

@@ -245,7 +245,7 @@ class VectorEnv(CallerForces):
     @property
     def seeds(self) -> list[int]:
         """Seed of the present run of every train; with its domain, :class:`train_ato.Env` repeats it."""
-        return [train.setup.seed for train in self._trains]
+        return [train.setup.scenario.seed for train in self._trains]
 
     @refusing
     def reset(

@@ -227,7 +227,7 @@ def last_saturation(recording: Recording, limit: float) -> tuple[float, float]:
 def boundaries(case: c.Case, recording: Recording) -> tuple[Array, Array]:
     """Return phi1 [m] and phi2 [m/s] of a run of `funnel` from its recorded inputs, shape (k,) each."""
     setup = case.setup()
-    law = LAWS.make("funnel", setup.controller_parameters.get("funnel", {}), setup.model, setup.control_period)
+    law = LAWS.make("funnel", setup.scenario.laws.get("funnel", {}), setup.model, setup.control_period)
     assert isinstance(law, Funnel)
     low, high = setup.model.force_limits(np.zeros(1))
     nothing = Preview(np.zeros(0), np.zeros(0), np.zeros(0))

@@ -155,9 +155,9 @@ class ObserverNode:
     def _declared(self, setup: RunSetup) -> Changes:
         """Declare the observer and its parameters; return the start parameters that differ from the scenario."""
         given = setup.scenario.observers
-        names = tuple(dict.fromkeys((*OBSERVERS.loadable(), setup.observer, *given)))
-        chosen = Parameter("observer", setup.observer, "", 0.0, 0.0, "disturbance observer", names)
-        parameters = [Declared("observer", setup.observer, chosen, read_only=True)]
+        names = tuple(dict.fromkeys((*OBSERVERS.loadable(), setup.scenario.observer, *given)))
+        chosen = Parameter("observer", setup.scenario.observer, "", 0.0, 0.0, "disturbance observer", names)
+        parameters = [Declared("observer", setup.scenario.observer, chosen, read_only=True)]
         for name in names:
             parameters += block_parameters(name, OBSERVERS.parameters(name), given.get(name, {}), read_only=True)
         values = declare(self.endpoints.node, parameters)

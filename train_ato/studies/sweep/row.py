@@ -62,10 +62,10 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
         return {**row, "reason": one_line(error, base), **_times(begin)}
     row |= {
         "sha256": scenario_hash(setup),
-        "law": setup.controller,
-        "observer": setup.observer,
-        "compensation": setup.compensation,
-        "seed": setup.seed,
+        "law": setup.scenario.law,
+        "observer": setup.scenario.observer,
+        "compensation": setup.scenario.compensation,
+        "seed": setup.scenario.seed,
     }
     start = time.perf_counter()
     try:

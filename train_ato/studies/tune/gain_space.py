@@ -95,7 +95,7 @@ class GainRunner:
     def _setup_with(self, index: int, gains: Mapping[str, Any]) -> RunSetup:
         """Return the run of a task with other gains."""
         setup = self.setup(index)
-        name = setup.controller
+        name = setup.scenario.law
         blocks = {**setup.scenario.laws, name: {**setup.scenario.laws.get(name, {}), **gains}}
         return dataclasses.replace(setup, scenario=setup.scenario.model_copy(update={"laws": blocks}))
 
@@ -108,7 +108,7 @@ class GainRunner:
             else:
                 setup = self._setup_with(index, gains)
                 try:
-                    setup.law(setup.controller)
+                    setup.law(setup.scenario.law)
                 except ValueError as error:
                     return {"status": "refused", "failure": str(error)}
             return run_engine(setup, summary_only=True).summary

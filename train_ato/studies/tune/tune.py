@@ -144,7 +144,7 @@ class TunePlan:
         self.tasks, self.choice, self.weights = tasks, choice, weights
         self.runner = gain_space.GainRunner(tasks)
         setups = [self.runner.setup(index) for index in range(len(tasks))]
-        law = setups[0].controller
+        law = setups[0].scenario.law
         self.space = space = gain_space.gain_space(law, setups[0].gains(law).values, parameters, spec)
         searched = len(self.numbers(gain_space.SEARCHED))
         smallest = POPULATION * searched
