@@ -10,8 +10,7 @@ from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, TRIALS, Tri
 
 from train_ato.papers import paper_packages
 from train_ato.papers.claims import CLOSE, Bound, Check, Claim, Paper, Result, Verdict
-from train_ato.papers.page import claims_of, judge_paper
-from train_ato.papers.session import load_paper
+from train_ato.papers.session import claims_of, judge_paper, load_paper
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "msgs_docs" / "reproduction.md").read_text(encoding="utf-8")

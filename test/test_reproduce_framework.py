@@ -22,8 +22,18 @@ from train_ato.papers.drawing import HELD, panels, save, trace
 from train_ato.papers.p002_freight import cases as p002
 from train_ato.papers.p003_funnel import claims as p003
 from train_ato.papers.p004_gpc import checks as p004
-from train_ato.papers.page import claims_of, judge_paper, section
-from train_ato.papers.session import Finished, Judged, carry_out, load_paper, reproduce, run_cases, with_claim
+from train_ato.papers.session import (
+    Finished,
+    Judged,
+    carry_out,
+    claims_of,
+    judge_paper,
+    load_paper,
+    reproduce,
+    run_cases,
+    section,
+    with_claim,
+)
 from train_ato.scenario.scenario import load_scenario
 
 SHORT = c.Case("demo", {"duration": 2})

@@ -144,7 +144,7 @@ def _print(judged: Judged, *, full: bool, screen: Console) -> None:
     from rich.table import Table as Grid
     from rich.text import Text
 
-    from train_ato.papers.page import claims_of
+    from train_ato.papers.session import claims_of
 
     paper = judged.paper
     grid = Grid(title=f"paper {paper.number}: {paper.title}", title_justify="left", expand=True, show_lines=True)
@@ -164,7 +164,7 @@ def _print(judged: Judged, *, full: bool, screen: Console) -> None:
 def _grid(table: CaseTable, judged: Judged) -> Grid:
     from rich.table import Table as Grid
 
-    from train_ato.papers.page import table_rows
+    from train_ato.papers.session import table_rows
 
     grid = Grid(title=table.title, title_justify="left")
     for number, head in enumerate(table.columns):
