@@ -28,19 +28,13 @@ from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 from train_ato.scenario.setup import RunSetup, prepare
 
 PAGE = Path("msgs_docs", "any_law.md")
-"""Path of the page in the repository."""
 MEASURED = Path("msgs_docs", "any_law_measured.json")
-"""Path of the measured figures in the repository."""
 NAME = "any_law"
-"""Name of the page for ``--measure``."""
 LEADERBOARD_NAME = "leaderboard"
-"""Name of its leaderboard for ``--measure``."""
 LEADERBOARD_ROWS = Path("msgs_docs", "leaderboard_measured.json")
-"""Path of the measured leaderboard in the repository."""
 TUTORIAL = Path("msgs_docs", "tutorials", "learn_a_law.md")
 """Page with the files of the law that learns."""
 LEARNED = "learned:Learned"
-"""That law."""
 DISTURBED = (
     "xuzhou_metro:disturbed", "crh380a_funnel:grade", "freight_consensus:realistic", "daqin_heavy_haul:disturbed",
 )  # fmt: skip

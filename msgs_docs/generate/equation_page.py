@@ -94,7 +94,6 @@ EQUATION_TABLES = tuple(
     EquationTable(**yaml.safe_load(path.read_text(encoding="utf-8")))
     for path in sorted(Path(__file__).with_name("equations").glob("paper_*.yaml"))
 )
-"""Tables of the papers."""
 
 
 def source_line(place: str, root: Path) -> tuple[str, int]:
@@ -203,7 +202,6 @@ def changes_run(setting: str, scenario: str) -> bool:
 
 
 PAGE = Path("msgs_docs", "equations.md")
-"""Path of the page in the repository."""
 
 
 def page(root: Path) -> str:

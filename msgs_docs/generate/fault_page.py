@@ -72,7 +72,6 @@ TABLE: dict[str, Any] = texts("faults")
 BASES: dict[str, tuple[str, ...]] = {name: tuple(map(str, texts)) for name, texts in TABLE["bases"].items()}
 """Scenario and assignments of the runs by name."""
 ROWS = tuple(FaultRow(**{**row, "sets": tuple(row["sets"])}) for row in TABLE["rows"])
-"""Rows of the table."""
 
 
 SECOND = 1_000_000_000
@@ -229,11 +228,8 @@ def ways_of(row: FaultRow) -> tuple[str, ...]:
 
 
 PAGE = Path("msgs_docs", "faults.md")
-"""Path of the page in the repository."""
 MEASURED = Path("msgs_docs", "faults_measured.json")
-"""Figures of the runs of the table."""
 NAME = "faults"
-"""Name of the page for ``--measure``."""
 REQUESTS = ("drop", "freeze", "cut-out", "brake-fade", "adhesion")
 SHARED = ("do", "topic", "reader", "begin", "end", "node", "at")
 

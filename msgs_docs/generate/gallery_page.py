@@ -31,7 +31,6 @@ from train_ato.scenario.scenario import expectation_of
 from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
 
 NAME = "gallery"
-"""Name of the table for ``--measure``."""
 MEASURED = Path("msgs_docs", "gallery_measured.json")
 GALLERY = re.compile(r"^\| \[?`(?P<name>[\w:]+)`[^|]*\| (?P<shows>[^|]+) \|$", re.MULTILINE)
 """Row of the gallery of the README: name of the scenario and its content."""

@@ -166,7 +166,6 @@ HARMLESS: dict[tuple[str, Guide], str] = {(row["action"], row["guide"]): row["re
 MONITORS = {name: Monitor(**row) for name, row in TABLE["monitors"].items()}
 """Monitors by their short name."""
 ROWS = tuple(_hazard_row(name, row) for name, row in TABLE["requirements"].items())
-"""Rows of the table."""
 OPEN = tuple(OpenHazard(**row) for row in TABLE["open"])
 """Hazards without a monitor, found in this analysis."""
 
@@ -363,11 +362,8 @@ MEASURES: dict[str, Callable[[FaultRun], tuple[float, float]]] = {
 
 
 PAGE = Path("msgs_docs", "hazards.md")
-"""Path of the page in the repository."""
 MEASURED = Path("msgs_docs", "hazards_measured.json")
-"""Figures of the runs of the table."""
 NAME = "hazards"
-"""Name of the page for ``--measure``."""
 MUTANTS = Path("msgs_docs", "mutation_measured.json")
 """Numbers of mutants by file and outcome, written by ``bench/mutation.py``."""
 UNITS = {hazard.key: hazard.unit for hazard in HAZARDS}

@@ -124,11 +124,9 @@ def _other(base: ChoiceRun, row: dict[str, Any]) -> ChoiceRun:
 
 
 CHOICES = read_choices(Path(__file__).with_name("left_out.yaml"))
-"""Choices of the five papers."""
 
 
 NAME = "left_out"
-"""Name of the page for ``--measure``."""
 MEASURED = Path("msgs_docs", "left_out_measured.json")
 """Metrics of the runs by key of the run."""
 LOST = "lost"
@@ -177,7 +175,6 @@ def unmeasured(root: Path) -> list[str]:
 
 
 PAGE = Path("msgs_docs", "left_out.md")
-"""Path of the page in the repository."""
 UNITS = {
     "speed_rmse_kmh": "speed error, rms [km/h]",
     "speed_error_max_kmh": "largest speed error [km/h]",

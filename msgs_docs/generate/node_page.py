@@ -15,7 +15,6 @@ from train_ato.scenario.setup import prepare
 from train_ato.scenario.signals import SIGNALS
 
 PAGE = Path("msgs_docs", "nodes.md")
-"""Path of the page of the nodes in the repository."""
 REQUIREMENT_PAGE = Path("msgs_docs", "requirements.md")
 MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
 _SERVICES = {name: text.format(**MAX_REQUESTS) for name, text in texts("services").items()}

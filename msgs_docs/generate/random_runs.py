@@ -31,7 +31,6 @@ from train_ato.scenario.setup import prepare
 COUNT, SEED = 1000, 1
 """Number and seed of the runs of the page."""
 MEASURED = Path("msgs_docs", "random_runs_measured.json")
-"""Figures of the runs of the page."""
 SCENARIOS: dict[str, tuple[float, str, tuple[str, ...], float]] = {
     "metro": (0.75, BASES["metro"][0], BASES["metro"][1:], 60.0),
     "metro, 460 s": (0.11, "xuzhou_metro", ("supervision.enabled=true",), 450.0),
@@ -270,9 +269,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 PAGE = Path("msgs_docs", "random_runs.md")
-"""Path of the page in the repository."""
 NAME = "random_runs"
-"""Name of the page for ``--measure``."""
 FAULTLESS = ("without_fault", "interventions_without_fault")
 """Numbers of runs without a fault, and of those with an intervention."""
 

@@ -16,9 +16,7 @@ from train_ato.scenario.scenario import LawChange, load_scenario
 from train_ato.scenario.setup import RunSetup, prepare
 
 NAME = "swaps"
-"""Name of the table for ``--measure``."""
 MEASURED = Path("msgs_docs", "swaps_measured.json")
-"""Path of the measured figures in the repository."""
 HELD_S, AFTER_S = 3.0, 20.0
 """Time for which a change keeps the bound of the command, and for which its errors count [s]."""
 LAST = "last 200 m"

@@ -110,7 +110,6 @@ def _text(value: Any) -> str:
 
 
 PAGE = Path("msgs_docs", "topics.md")
-"""Path of the page in the repository."""
 HEADS = ("topic", "type", "from", "subscribers besides the recorder", "rate", "QoS", "meaning")
 
 

@@ -189,7 +189,6 @@ CARRIED_TRAIN = names_in("""
     loco_con.loco_vec[].{force_max, force_max_newtons, mass, mass_kilograms, pwr_out_max_watts,
     loco_type.{BatteryElectricLoco, ConventionalLoco, HybridLoco}.{edrv, fc, res}.pwr_out_max_watts}, train_id
 """)
-"""Keys of a train that the consist carries."""
 LOCOMOTIVE_LENGTH = 22.0
 """Assumed length of a locomotive, which ALTRIOS does not have [m]."""
 

@@ -84,7 +84,6 @@ CARRIED = names_in(
     linearLocation.{@applicationDirection, STRETCH}}}}
 """.replace("STRETCH", STRETCH).replace("SPOT", SPOT)
 )
-"""Names of a file that the line carries."""
 STATION = "operationalPoint"
 UNITS = {
     "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "km": 1e3, "kilometre": 1e3, "kilometres": 1e3,

@@ -34,7 +34,6 @@ CARRIED = names_in("""
     engine.propulsion.{@maxTractEffort, @power, @powerType, @rotationMassFactor,
     tractiveEffort.valueTable.{@xValueUnit, @yValueUnit, valueLine.{@xValue, values.@yValue}}}}}
 """)
-"""Names of a file that line or train carry."""
 DAVIS = ("constantFactorA", "speedDependentFactorB", "squareSpeedDependentFactorC")
 """Factors of the running resistance in railML 3."""
 _End = tuple[str, str]
@@ -50,7 +49,6 @@ WAYS = {"": None, "up": "normal", "down": "reverse"}
 NAVIGABLE = {(True, True): "Both", (True, False): "AB", (False, True): "BA", (False, False): "None"}
 """Navigability of a relation by the ways from A to B and from B to A."""
 VALUES = ("slope", "radius", "vMax", "type", "isolatedSection")
-"""Values of the changes."""
 ENDS = ("end", "999.9")
 """Speed of the end of a temporary restriction, and that before railML 2.3."""
 

@@ -39,7 +39,6 @@ CARRIED = names_in("""
     tractionData.{details.tractiveEffort.valueTable.{@xValueUnit, @yValueUnit, valueLine.{@xValue,
     value.@yValue}}, info.{@maxTractiveEffort, @tractivePower}}}}}
 """)
-"""Names of a file that the train carries."""
 
 
 def railml_train(path: Path, selection: str = "") -> tuple[Consist, str, tuple[str, ...]]:

@@ -37,7 +37,6 @@ IN_RAILML = (
     "grades", "curves", "tunnels", "speed_limits", "category_limits", "temporary_restrictions", "neutral_sections",
     "stops", "stops[].name",
 )  # fmt: skip
-"""Keys of a line that railML carries."""
 NET = "line"
 
 

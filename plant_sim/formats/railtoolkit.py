@@ -31,7 +31,6 @@ GRAVITY = 9.80665
 WIND = 15.0
 """Head wind [km/h]."""
 ROTATING = {"traction unit": 1.09, "multiple unit": 1.08, "passenger": 1.06, "freight": 1.06}
-"""Default rotating mass factors."""
 ADHESION = 0.33
 """Default traction over the weight on driven axles."""
 TYPES = ("traction unit", "multiple unit", "passenger", "freight")

@@ -39,12 +39,10 @@ CARRIED = names_in("""
     coordinates, type, features[].{geometry.{coordinates, type}, properties.name, type}, geometry.{coordinates,
     type}, properties.name
 """)
-"""Keys of GeoJSON that the line carries."""
 CARRIED_GPX = names_in("""
     @version, rte.{name, rtept.{@lat, @lon, ele}}, trk.{name, trkseg.trkpt.{@lat, @lon, ele}}, wpt.{@lat, @lon,
     ele, name}
 """)
-"""Attributes and elements of GPX that the line carries."""
 EQUATOR, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
 """Radius at the equator [m] and squared eccentricity of WGS 84."""
 Spot = tuple[float, float, float | None]

@@ -31,7 +31,6 @@ SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
 STEPS = {"velocity": (SPEEDS, 1e-3, 1e3, 1), "slope": (SLOPES, -1e3, 1e3, 0)}
 """Units, lowest and highest value, and least number of the entries of a quantity."""
 STEEPEST = 0.5
-"""Largest grade of a line."""
 STRAIGHT = 1e5
 """Radius beyond which a curve counts as straight [m]."""
 TRANSITION, PIECES = 20.0, 10
@@ -206,7 +205,6 @@ CARRIED_TRAIN = names_in("""
     metadata.id, tunnel resistance.{cross section unit, unit, values, units.{coefficient, cross section},
     values[].{cross section, value}}
 """)
-"""Keys of a train that the consist carries."""
 
 
 def ttobench_train(data: dict[str, Any], place: str, *, point_mass: bool = False) -> Consist:

@@ -56,7 +56,6 @@ def refuse_overlap(line: Line, form: str) -> None:
 
 LAYOUT = "TTOBench v1.5"
 IN_TTOBENCH = ("grades", "curves", "tunnels", "speed_limits", "stops")
-"""Keys of a line that TTOBench carries."""
 
 
 def own_yaml(model: Line | Consist) -> str:

@@ -22,7 +22,6 @@ LINES = {
 }  # fmt: skip
 """Writer of a line by the ending of its file."""
 TRAINS = {JSON: osrd_stock_json, **dict.fromkeys(RAILML, train_railml)}
-"""Writer of a train."""
 
 
 def convert(source: str | Path, out: str | Path) -> dict[str, Any]:

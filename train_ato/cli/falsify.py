@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from train_ato.studies.falsify.study import Falsification
 
 RUNS = 100
-"""Default of the largest number of runs."""
 
 
 OPTIONS: Options = {

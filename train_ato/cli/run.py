@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from train_ato.scenario.setup import RunSetup
 
 LIMIT = 3
-"""Default of the restarts of each node."""
 EXPLAINED = "msgs_docs/report.md, Output of a run"
 """Page that explains every line of the output."""
 

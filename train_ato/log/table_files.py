@@ -135,7 +135,6 @@ def _key(part: pd.DataFrame, row: int) -> tuple[float, str]:
 MAX_NAME = 200
 """Maximum length of the name of a topic in a file name [bytes]; file systems permit 255 with number and ending."""
 ROWS = 32_768
-"""Maximum number of rows of a group of a Parquet file."""
 
 
 @dataclass(frozen=True)

@@ -316,7 +316,6 @@ class ReportPage:
 
 
 MARKS = {"passed": "✓ passed", "failed": "✗ failed", "incomplete": "not evaluated", "none": ""}
-"""Texts of the states of a criterion."""
 
 
 def render(page: ReportPage, sections: list[PageSection]) -> str:

@@ -93,7 +93,6 @@ def _read_figures(kind: str) -> FigureTable:
 
 
 FIGURES, SHARED_FIGURES = _read_figures("run"), _read_figures("comparison")
-"""Figures of one run, and of several runs."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
 HERO = FigureSpec(

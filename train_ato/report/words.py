@@ -14,9 +14,7 @@ MODES = {
     "composed": "ROS nodes in one process",
     "processes": "ROS nodes, one process per node",
 }
-"""Texts of the modes in ``summary.json``."""
 REPORT, COMPARISON = "report.html", "comparison.html"
-"""Default file names of the page of one run and of several."""
 
 
 def longer(factor: float, add: float) -> str:

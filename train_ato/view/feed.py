@@ -77,7 +77,6 @@ def _or_none(limit: float) -> float | None:
 
 
 REPORT_PAGE = "/report"
-"""Path of the report on the server of the page."""
 FINISHED, RUN_ENDED = "finished", "run ended"
 """States of a run after its regular end, and after any other one."""
 

@@ -127,7 +127,6 @@ def _summary(feed: RecordedFeed) -> str:
 
 
 MAX_BRAKINGS = 400
-"""Largest number of planned brake applications that are sent."""
 
 
 def track_ahead(facts: Facts, profile: ProfileCurve | None) -> dict[str, list[Any]]:
@@ -251,7 +250,6 @@ WINDOWS_S = (60, 180, 600)
 UNDER_WAY = 2
 """Frames sent but not yet drawn; a slow or hidden browser receives fewer frames, never an old one."""
 MARK_PATH = "/mark"
-"""Path of the mark of the served run."""
 BEAT_MS = 500
 """Wall time between two beats [ms]; the page misses four of them before it reports the loss."""
 _TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_both"}

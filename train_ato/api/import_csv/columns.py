@@ -89,7 +89,6 @@ class Column:
 
 
 LAYOUTS = Path(__file__).parent / "layouts"
-"""Folder of the shipped layouts of recorders."""
 
 
 def layout_names() -> tuple[str, ...]:

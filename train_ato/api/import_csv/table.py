@@ -107,7 +107,6 @@ TIME_OF_DAY = re.compile(r"^\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s*[AaPp]\.?[
 DATE = re.compile(r"^(?:\d{4}([-/])\d{1,2}\1\d{1,2}|\d{1,2}([-./])\d{1,2}\2\d{4})$")
 """Date without a time of day."""
 DAY = 86_400_000_000
-"""Microseconds of a day."""
 _ZERO, _UNIT = datetime(2000, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
 UNIX_DIGITS = {10: 1e6, 13: 1e3, 16: 1.0, 19: 1e-3}
 """Microseconds of one unit of a Unix time, by its digits before the decimal mark."""

@@ -159,7 +159,6 @@ def check_component(
 
 
 RANDOM_TRAINS = 20
-"""Number of random trains that a law drives."""
 
 
 def check_law(law: str | type, **values: Any) -> list[Finding]:

@@ -22,7 +22,6 @@ from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 from train_ato.studies.check_component.trains import PERIOD, Bench, CoupledTrain, RigidTrain, TrainSample
 
 HOSTILE = (math.nan, math.inf, -math.inf, 1e300, -1e300, 1e18)
-"""Invalid values of an input."""
 SPEED_ERRORS = (0.0, -5.0, 5.0, 0.3)
 """Speed errors of valid inputs [m/s]."""
 STEPS = 200
@@ -350,7 +349,6 @@ MAX_MAGNITUDES = {
 ARRAYS = tuple(entry.name for entry in dataclasses.fields(LawInput) if entry.type == "Array")
 """Inputs of the law that are arrays."""
 PREVIEWS = tuple(f"preview.{entry.name}" for entry in dataclasses.fields(Preview))
-"""Arrays of its preview."""
 PASSED_ON = ("disturbance", "force_min", "force_max")
 """Inputs that the law receives unchanged."""
 

@@ -26,9 +26,7 @@ from train_ato.scenario.scenario_data import PartCache
 from train_ato.scenario.setup import prepare
 
 TRAIN_KINDS = ("metro", "multiple unit", "coaches", "freight")
-"""Kinds of random trains."""
 GEAR_KINDS = ("rigid", "linear", "clip", "smoothed", "table")
-"""Kinds of draft gears."""
 
 
 def random_vehicle(random: np.random.Generator, mass: float, length: float, force: float, top: float) -> dict[str, Any]:

@@ -146,7 +146,6 @@ def run_target(choice: ScenarioChoice, target: RequirementTarget, changes: Chang
 ONE_LINE = dict.fromkeys((*range(32), 127, 133, 8232, 8233), " ")
 """Characters that end a line or a comment of YAML, and others that do not print."""
 RUNS = 100
-"""Default of the largest number of runs."""
 
 
 @dataclass(frozen=True)
@@ -379,7 +378,6 @@ class FalsificationStudy:
 
 
 COUNTEREXAMPLE, RUNS_TABLE, RESULT = "counterexample.yaml", "runs.csv", "falsify.json"
-"""Files in the folder of a falsification."""
 
 
 def result_data(result: Falsification) -> dict[str, Any]:

@@ -142,7 +142,6 @@ class TuneSpec:
 
 
 NO_SPEC = TuneSpec()
-"""Content of no file."""
 
 
 def read_tune_spec(source: str | Path | Mapping[str, Any]) -> TuneSpec:

@@ -112,9 +112,7 @@ def _key(gains: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
 
 
 POPULATION = 6
-"""Candidates of a generation."""
 MAX_JOBS = 64
-"""Largest number of worker processes."""
 
 
 class TunePlan:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 INITIAL, TUNED = "initial", "tuned"
 OVERLAY, TABLE, HISTORY, RESULT = "tuned.yaml", "table.csv", "history.csv", "tune.json"
-"""Files of the output folder."""
 
 
 @dataclass(frozen=True)
