@@ -121,7 +121,9 @@ class KernelCache(_Cache):  # type: ignore[misc]
         if name and kernels_are_kept() and not lifted and not data.library.has_dynamic_globals:
             try:
                 _write(cache_folders()[0] / name, dumps(data._reduce()))
-                self._remove_unused()
+                for file in cache_folders()[0].glob(f"{self._name}-*.nbc"):
+                    if file.stat().st_mtime < time.time() - UNUSED_S:
+                        file.unlink(missing_ok=True)
             except OSError:
                 pass
 
@@ -146,12 +148,6 @@ class KernelCache(_Cache):  # type: ignore[misc]
         versions = numba.__version__, llvmlite.__version__, np.__version__, sys.version, getattr(sys, "abiflags", "")
         key = _digest(repr((_FORM, str(sig), codegen.magic_tuple(), versions, self._stamp)))
         return f"{self._name}-{key[:32]}.nbc"
-
-    def _remove_unused(self) -> None:
-        limit = time.time() - UNUSED_S
-        for file in cache_folders()[0].glob(f"{self._name}-*.nbc"):
-            if file.stat().st_mtime < limit:
-                file.unlink(missing_ok=True)
 
 
 def _read(file: Path) -> bytes | None:

@@ -7,7 +7,7 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.air_brake import PipeEvents, PipePressure, friction_brake_events
 from plant_sim.consist import Consist
-from plant_sim.disturbances import Gust, OutsideForces
+from plant_sim.disturbances import OutsideForces
 from plant_sim.elementary import random_stream
 from plant_sim.jumps import Jumps, PartedCouplers
 from plant_sim.line import Line
@@ -238,10 +238,6 @@ class Train:
             self.keep_outside(self.arrays.state[k.V])
         self.stamp += len(outside) * self.tick_ns
         return len(outside)
-
-    def add_gust(self, gust: Gust) -> None:
-        """Add a gust that is not in the setup, from the next tick on."""
-        self.outside.add(gust)
 
     def add_jump(self, jump: Jump) -> None:
         """Add a jump that is not in the setup."""

@@ -159,8 +159,12 @@ class LineForceTable:
 
     def __init__(self, consist: Consist, line: Line, *, over_length: bool = False) -> None:
         self.specific, self.begin = _specific_line_force(consist, line, over_length=over_length)
-        masses = np.array([vehicle.mass for vehicle in consist.vehicles])
-        self.totals = array("d", _over_train(self.specific, masses, np.array(consist.offsets)).tobytes())
+        total = np.zeros_like(self.specific)
+        for vehicle, offset in zip(consist.vehicles, consist.offsets, strict=True):
+            shift = round(offset / GRID)
+            total[shift:] += vehicle.mass * self.specific[: total.size - shift]
+            total[:shift] += vehicle.mass * self.specific[0]
+        self.totals = array("d", total.tobytes())
         self.total: Array = np.frombuffer(self.totals)
 
 
@@ -375,16 +379,6 @@ def _envelope_arrays(brakes: Sequence[Envelope], tractions: Sequence[Envelope]) 
         bounds.append((end, middle, middle, last))
         end = last
     return np.concatenate(segments), np.array(bounds, dtype=np.int64).reshape(-1, 4)
-
-
-def _over_train(specific: Array, masses: Array, offsets: Array) -> Array:
-    """Sum the line force over the train for vehicle 0 at every grid point [N]."""
-    total = np.zeros_like(specific)
-    for mass, offset in zip(masses, offsets, strict=True):
-        shift = round(float(offset) / GRID)
-        total[shift:] += mass * specific[: total.size - shift]
-        total[:shift] += mass * specific[0]
-    return total
 
 
 def _specific_line_force(consist: Consist, line: Line, *, over_length: bool) -> tuple[Array, float]:

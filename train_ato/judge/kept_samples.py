@@ -62,7 +62,7 @@ class KeptSamples:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self._folders = (folder, None)
+        self._folder = folder
         self._topics: dict[str, _Topic] = {}
         self._size, self._limit = 0, float(IN_MEMORY)
         self._file: SampleFile | None = None
@@ -86,7 +86,7 @@ class KeptSamples:
     def _store(self) -> None:
         """Move the samples to the file."""
         try:
-            self._file = self._file or SampleFile(self._folders)
+            self._file = self._file or SampleFile(self._folder)
             for topic in self._topics.values():
                 topic.store(self._file)
         except OSError:  # no room
@@ -116,17 +116,18 @@ class SampleFile:
 
     Parameters
     ----------
-    folders
-        Its folder, the first one that can be written; None is that of temporary files.
+    folder
+        Its folder; without one, or one that cannot be written, that of temporary files.
 
     Raises
     ------
     OSError
-        If none can be written.
+        If it cannot be written either.
     """
 
-    def __init__(self, folders: tuple[Path | None, ...]) -> None:
-        self._file = _opened(folders)
+    def __init__(self, folder: Path | None) -> None:
+        usable = folder if folder is not None and os.access(folder, os.W_OK) else None
+        self._file: FileIO = tempfile.TemporaryFile(dir=usable, buffering=0)  # noqa: SIM115  (for its life)
         self._end = 0
         self._cached: OrderedDict[tuple[str, str], Array] = OrderedDict()
 
@@ -167,13 +168,6 @@ class SampleFile:
             while len(self._cached) > 1 and sum(values.nbytes for values in self._cached.values()) > CACHED:
                 self._cached.popitem(last=False)
         return self._cached[key]
-
-
-def _opened(folders: tuple[Path | None, ...]) -> FileIO:
-    for folder in folders[:-1]:
-        if folder is not None and os.access(folder, os.W_OK):
-            return tempfile.TemporaryFile(dir=folder, buffering=0)
-    return tempfile.TemporaryFile(dir=folders[-1], buffering=0)
 
 
 class _Columns(Mapping[str, Array]):

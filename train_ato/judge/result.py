@@ -175,14 +175,6 @@ class RunResult:
         return replace(self, failure=text, summary=summary)
 
     @classmethod
-    def without_metrics(
-        cls, recording: Recording, *, interrupted: bool, failure: str | None, published: dict[str, int]
-    ) -> RunResult:
-        """Return the result of a run of which only the messages are used: its end, without recording and summary."""
-        failure = failure or (None if interrupted else _failure_of_ato(recording))
-        return cls(None, {}, interrupted, failure, published)
-
-    @classmethod
     def of(
         cls,
         setup: RunSetup,
@@ -209,7 +201,7 @@ class RunResult:
             Nodes that were programs outside of this project, with their names.
         """
         changes = RunChanges.of(recording.changed_reports)
-        failure = failure or (None if interrupted else _failure_of_ato(recording))
+        failure = failure or (None if interrupted else failure_of_ato(recording))
         end = RunEnd.judged(ticks, setup.ticks, failure, interruption if interrupted else None)
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
@@ -256,7 +248,7 @@ def _judged(setup: RunSetup, recording: Recording, metrics: dict[str, Any]) -> d
     return judge_run(setup.scenario.criteria, metrics, rows, worst_places(setup, recording, metrics))
 
 
-def _failure_of_ato(recording: Recording) -> str | None:
+def failure_of_ato(recording: Recording) -> str | None:
     """Return the failure of an ATO that was in the state failure at the end of the run."""
     reports = [report for report in recording.changed_reports if report.node == "controller"]
     if not reports or reports[-1].values.get("ato_state") != AtoState.FAILURE.text:

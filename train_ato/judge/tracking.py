@@ -229,11 +229,6 @@ class EngagedRun:
         return np.flatnonzero(self.engaged)
 
     @cached_property
-    def at_end(self) -> bool:
-        """True if the ATO is engaged at the end."""
-        return bool(self.engaged[-1])
-
-    @cached_property
     def direction(self) -> Array:
         """Direction of the reference at every tick, at rest that of the last motion: 1 or -1."""
         sign = np.sign(self.recording.reference_velocity)
@@ -350,14 +345,10 @@ def tracking_summary(setup: RunSetup, recording: Recording, status: str = DONE) 
     run = EngagedRun(setup, recording)
     found = sorted(_findings(run, failed=status == FAILED), key=lambda finding: OUTCOMES.index(finding.outcome))
     if not found and status != DONE:
-        found = [_not_as_planned(run, status)]
+        time, planned = recording.time.size * setup.tick, setup.ticks * setup.tick
+        text = f"the run, after {time:.1f} of {planned:.1f} s"
+        found = [TrackingFinding(status, time, planned, "s", text)]
     return outcome_of(found)
-
-
-def _not_as_planned(run: EngagedRun, status: str) -> TrackingFinding:
-    """Return the finding of a run that did not end as planned."""
-    time, planned = run.recording.time.size * run.setup.tick, run.setup.ticks * run.setup.tick
-    return TrackingFinding(status, time, planned, "s", f"the run, after {time:.1f} of {planned:.1f} s")
 
 
 def outcome_of(found: list[TrackingFinding]) -> dict[str, Any]:
@@ -377,7 +368,7 @@ def _findings(run: EngagedRun, *, failed: bool) -> Iterator[TrackingFinding]:
         yield from _lost_speed(run)
         yield from _limit_cycle(run)
         yield from _saturated(run)
-    if run.at_end:
+    if run.engaged[-1]:
         yield from _stops(run)
     else:
         times = run.recording.time

@@ -38,11 +38,6 @@ class Criterion:
     factor: float = 1.0
 
     @property
-    def words(self) -> str:
-        """Name of the metric."""
-        return metric_name(self.metric)
-
-    @property
     def unit(self) -> str:
         """Unit of metric and limit."""
         return metric_unit(self.metric)
@@ -290,7 +285,7 @@ def _failure_text(row: CriterionRow, summary: Metrics) -> str:
         return requirement_text(row)
     criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
     value = "none" if row["value"] is None else shown_quantity(row["value"], criterion.unit)
-    text = f"{criterion.words.removesuffix(', largest')} {value}"
+    text = f"{metric_name(criterion.metric).removesuffix(', largest')} {value}"
     if criterion.metric == AT_STOPS[0]:
         text = _stop_text(summary) or text
     return f"{text} (limit {shown_digits(row['limit'], criterion.unit)}){place_text(row)}"
@@ -299,12 +294,9 @@ def _failure_text(row: CriterionRow, summary: Metrics) -> str:
 def requirement_text(row: CriterionRow) -> str:
     """Return name, robustness, time and place of the smallest margin of a requirement as text."""
     value = row["value"]
-    known = (
-        "not evaluated"
-        if value is None
-        else f"robustness {shown_quantity(value, row.get('unit') or '')}{place_text(row)}"
-    )
-    return f"{row['criterion']}: {known}"
+    if value is None:
+        return f"{row['criterion']}: not evaluated"
+    return f"{row['criterion']}: robustness {shown_quantity(value, row.get('unit') or '')}{place_text(row)}"
 
 
 def place_text(row: CriterionRow) -> str:

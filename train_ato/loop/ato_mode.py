@@ -91,10 +91,6 @@ class AtoMode:
         self.changed_at = stamp
         self.take_profile()
 
-    def forget_requests(self, stamp: int) -> None:
-        """Remove the planned requests up to a stamp [ns]."""
-        self.waiting = [request for request in self.waiting if round(request.at * 1e9) > stamp]
-
     def take_speed(self, speed: float) -> None:
         """Take the speed of the supervisor [m/s]."""
         self._speed = abs(speed)

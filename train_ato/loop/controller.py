@@ -150,7 +150,7 @@ class ControllerStage:
         self.asked.pop(scenario_changes.LAW, None)
         self.asked[scenario_changes.LAW] = self.controller
         self._fit = self._fit_of(self.controller)
-        self.ato.forget_requests(stamp)
+        self.ato.waiting = [request for request in self.ato.waiting if round(request.at * 1e9) > stamp]
         self.follow_outage("node controller restarted")
 
     @property
@@ -351,8 +351,10 @@ class ControllerStage:
         begin = time.perf_counter_ns() - self._received_ns
         seen, report = self.received.measurement, self.received.report
         stamp = seen.stamp
-        if self.error is not None and self._has_ended(seen):
-            raise self.error
+        if self.error is not None:  # it ends the run at standstill or at the last tick
+            stands_now = self.ato.standstill if self.setup.layout.supervised else stands(seen.velocity)
+            if stands_now or stamp >= (self.setup.ticks - 1) * self.setup.tick_ns:
+                raise self.error
         with self.call:
             self._change(stamp)
             if self.ato.drives:
@@ -407,11 +409,6 @@ class ControllerStage:
             assert self.ato.assurance is not None
             force = stack.brake(self.ato.braking_force(measurement), self.ato.assurance.least_jerk)
         return force, pressure
-
-    def _has_ended(self, measurement: Measurement) -> bool:
-        """Return True at standstill, and at the last tick of the run: then a failure of a component ends the run."""
-        last = measurement.stamp >= (self.setup.ticks - 1) * self.setup.tick_ns
-        return last or (self.ato.standstill if self.setup.layout.supervised else bool(stands(measurement.velocity)))
 
     def _reference_problem(self, reference: Reference) -> str:
         """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""

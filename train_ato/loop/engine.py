@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from train_ato.judge.recording_builder import RecordingBuilder
-from train_ato.judge.result import Progress, RunResult
+from train_ato.judge.result import Progress, RunResult, failure_of_ato
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
@@ -137,7 +137,8 @@ def run_engine(
     interrupted = interrupt.asked or stopped
     by_caller = f"stop_when ended it after {loop.ticks} of {setup.ticks} ticks" if stopped else ""
     if messages_only:
-        return RunResult.without_metrics(recording, interrupted=interrupted, failure=watch.failure, published=published)
+        failure = watch.failure or (None if interrupted else failure_of_ato(recording))
+        return RunResult(None, {}, interrupted, failure, published)
     result = RunResult.of(
         setup, recording, wall, loop.ticks, times, interrupted=interrupted, failure=watch.failure,
         published=published, interruption=by_caller or interrupt.reason(loop.ticks, setup.ticks),

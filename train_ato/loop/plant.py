@@ -122,7 +122,7 @@ class TrainInterventions:
         train = self._train
         if isinstance(intervention, interventions.GustNow):
             end, ramp = now + intervention.duration, intervention.ramp
-            train.add_gust(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=intervention.acceleration))
+            train.outside.add(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=intervention.acceleration))
         elif isinstance(intervention, interventions.DelayJumpNow):
             jump = DelayJump(at=now, factor=intervention.factor, add=intervention.add)
             self._link.jump(jump)

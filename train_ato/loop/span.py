@@ -81,9 +81,7 @@ def has_compiled_form(stack: ControlStack, law: Any, setup: RunSetup) -> bool:
     return True
 
 
-def ticks_to_event(
-    stages: Stages, supervised: SupervisedTicks, stack: ControlStack, *, logged: bool, brief: bool = False
-) -> int:
+def ticks_to_event(stages: Stages, stack: ControlStack, *, logged: bool, brief: bool) -> int:
     """Return the number of ticks before the next planned event, at most those of the longest span.
 
     An event is a change, a jump, an intervention, the end of an added gust, a fault, a request, a decision of the
@@ -101,7 +99,7 @@ def ticks_to_event(
     ends += [at for at, _ in plant.interventions.due]
     ends += [round((gust.end + (gust.shift or 0.0)) * 1e9) for gust in plant.train.outside.added_gusts]
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
-    ends += supervised.next_request(stamp)
+    ends += [at for request in controller.ato.waiting if (at := round(request.at * 1e9)) > stamp]
     if stages.profile.headway is not None:
         due = stages.profile.headway.next_due(range(stamp, ends[0], tick))
         ends.append(ends[0] if due is None else due)
@@ -293,7 +291,7 @@ class CompiledSpans:
         self.has_answer = False
         if self.stages.plant.stamp < self._retry:
             return None
-        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
+        count = ticks_to_event(self.stages, stack, logged=self.logged, brief=self.brief)
         if count < MIN_SPAN or not is_regular(self.stages, self.supervised, stack):
             return None
         law = self._step_of(stack)
@@ -454,7 +452,7 @@ class Span:
              law.couplers.records if law.couplers else NO_COUPLERS),
             observing, self._predicting(), braking, self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
-            self._jump_place(), self.counts,
+            min((jump.place for jump in train.jumps.planned if jump.place is not None), default=FAR), self.counts,
             (*link.records(self.stamp, self._count), link.draws(self._count)),
             (protection.age, *stamps.records(self.stamp, self._count), stamps.draws(self._count)),
             self._stack.in_flight[: 0 if law.whole else None],
@@ -509,11 +507,6 @@ class Span:
         pressure = policy.charged if self._stack.pressure is None else self._stack.pressure
         brake = (spans.policy_call, policy.limits, policy.segments, policy.charged, pressure)
         return *records, len(policy.rows), policy.now, *brake
-
-    def _jump_place(self) -> float:
-        """Return the next place with a jump [m]."""
-        places = [jump.place for jump in self._train.jumps.planned if jump.at is None]
-        return float(min((place for place in places if place is not None), default=FAR))
 
     def _store(self, done: int) -> None:
         """Set the states of stages, stack, link and sensors to those after some ticks."""

@@ -314,7 +314,11 @@ class SpanMessages:
         numbers = {} if self._supervision is None else self._supervision.numbers
         between: dict[int, list[tuple[int, str, Any]]] = {}
         before = [place[topic] for topic in (rec.MEASUREMENT, rec.REFERENCE, rec.REFERENCE, rec.ESTIMATE, rec.COMMAND)]
-        found_reports = self._reports_by_tick()
+        found_reports: dict[int, dict[str, msg.Diagnostic]] = {}
+        for each in self._reports:
+            for report in each.all():
+                tick = (report.stamp - int(self._stamps[0])) // self._tick
+                found_reports.setdefault(tick, {})[report.node] = report
         for index in sorted({*found_reports, *numbers}):
             reports = found_reports.get(index, {})
             plant, supervisor, profile, observer, controller = (
@@ -350,7 +354,8 @@ class SpanMessages:
             Report at the last step.
         """
         stages, supervision, done = self._stages, self._supervision, self._done
-        if not stages.setup.layout.supervised and not stages.setup.has_faults:
+        scenario = stages.setup.scenario
+        if not (stages.setup.layout.supervised or scenario.faults or scenario.interventions):
             return ato
         last = range(max(done - 2, 0), done)
         messages = {
@@ -420,12 +425,3 @@ class SpanMessages:
             return [RepeatedReport(profile.diagnostic(stamp), [stamp]) for stamp in stamps]
         remaining = {} if self._brief else {"remaining": [profile.remaining(stamp) for stamp in stamps]}
         return [RepeatedReport(profile.diagnostic(stamps[0]), stamps, remaining)]
-
-    def _reports_by_tick(self) -> dict[int, dict[str, msg.Diagnostic]]:
-        """Return the diagnostics by the number of their tick and by node."""
-        found: dict[int, dict[str, msg.Diagnostic]] = {}
-        first = int(self._stamps[0])
-        for reports in self._reports:
-            for report in reports.all():
-                found.setdefault((report.stamp - first) // self._tick, {})[report.node] = report
-        return found

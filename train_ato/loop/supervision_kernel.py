@@ -178,10 +178,6 @@ class SupervisedTicks:
             return False
         return bool(stage.odometry_check.last["stamp"][0] >= 0) and protection.is_idle(stamp, self._period)
 
-    def next_request(self, stamp: int) -> list[int]:
-        """Return the stamps of the requests to the ATO after a stamp [ns]."""
-        return [at for request in self._stages.controller.ato.waiting if (at := round(request.at * 1e9)) > stamp]
-
     def arrays(self, ticks: int) -> SupervisionArrays:
         """Return the records of the stages, and rows for the steps in some ticks."""
         stage, odometers, ato = self._stages.supervisor, self._stages.plant.odometers, self._stages.controller.ato

@@ -178,7 +178,8 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
             continue
         limit = " / ".join(shown_digits(value, criterion.unit) for value in sorted(limits))
         cells = [_cell(row, criterion.unit) for row in rows]
-        found.append(CriterionCells(criterion.words, f"{limit} {display_unit(criterion.unit)[0]}".rstrip(), cells))
+        limit = f"{limit} {display_unit(criterion.unit)[0]}".rstrip()
+        found.append(CriterionCells(metric_name(criterion.metric), limit, cells))
     return sorted(found + _requirement_cells(pages), key=lambda entry: not entry.failed)
 
 

@@ -13,7 +13,6 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import cast
 
 from plant_sim.input_error import close_match
 from plant_sim.units import unit_symbols
@@ -162,11 +161,6 @@ class Until:
 
 Term = NumberTerm | SignalTerm | AbsTerm | ArithmeticTerm
 Formula = Predicate | Negation | Connective | Temporal | Until
-
-
-def is_term(node: Term | Formula) -> bool:
-    """Return True for a term, False for a formula."""
-    return isinstance(node, (NumberTerm, SignalTerm, AbsTerm, ArithmeticTerm))
 
 
 def nodes_of(node: Term | Formula) -> Iterator[Term | Formula]:
@@ -431,15 +425,15 @@ def _common(left: Term, right: Term, token: _Token) -> Exponents | None:
 
 
 def _as_term(node: Term | Formula, token: _Token) -> Term:
-    if not is_term(node):
+    if not isinstance(node, Term):
         raise _fault(token, "has a formula as operand; use a signal or a number there")
-    return cast("Term", node)
+    return node
 
 
 def _as_formula(node: Term | Formula, token: _Token) -> Formula:
-    if is_term(node):
+    if isinstance(node, Term):
         raise _fault(token, "has a number or signal as operand; compare it, for example 'speed <= limit'")
-    return cast("Formula", node)
+    return node
 
 
 def _fault(token: _Token, problem: str) -> ValueError:

@@ -271,11 +271,6 @@ class RunSetup:
         """Parameters of the compensation that differ from its defaults."""
         return self.scenario.compensations.get(self.scenario.compensation, {})
 
-    @property
-    def has_faults(self) -> bool:
-        """True for a run in which messages can get lost or change on their way."""
-        return bool(self.scenario.faults or self.scenario.interventions)
-
     def component(self, registry: Registry, name: str, values: Mapping[str, Any], period: float) -> Any:
         """Return a component at the start of the run: an object given to :func:`train_ato.run`, or a new one."""
         given = self.given.get(registry.kind)

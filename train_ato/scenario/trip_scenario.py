@@ -95,18 +95,13 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
     if plan.displacements:
         data["unit_displacements"] = [_Row(entry.model_dump(mode="json")) for entry in plan.displacements]
     if base is not None:
-        former = raw_scenario(base)[1].get("profile") or {}
+        former = raw_scenario(base)[1]
         replaced = (*SOURCES, "start", "since", "until")  # also as start_km or since_min
-        data["profile"] = {**{key: None for key in former if key.partition("_")[0] in replaced}, **data["profile"]}
-        return {"base": base, **data, **_other_plant(base, plant)}
+        removed = {key: None for key in former.get("profile") or {} if key.partition("_")[0] in replaced}
+        data["profile"] = {**removed, **data["profile"]}
+        different = {key: value for key, value in plant.items() if former.get("plant", {}).get(key) != value}
+        return {"base": base, **data, **({"plant": different} if different else {})}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}
-
-
-def _other_plant(base: str, plant: dict[str, Any]) -> dict[str, Any]:
-    """Return the keys of the plant in which a plan differs from its base; empty if train and line are equal."""
-    former = raw_scenario(base)[1].get("plant", {})
-    different = {key: value for key, value in plant.items() if former.get(key) != value}
-    return {"plant": different} if different else {}
 
 
 def write_trip(plan: TripPlan, path: Path, base: str | None, plant: dict[str, Any], source: str) -> tuple[Path, Path]:

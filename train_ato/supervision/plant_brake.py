@@ -172,11 +172,13 @@ def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: flo
         raise ValueError(
             f"train '{consist.name}' has no emergency brake: no vehicle of its air brake has shoes; give it shoes"
         )
+    both = np.maximum(forces.electric + forces.service_shoes, 1e-9)
+    delayed = forces.electric * _electric_delay(consist, setup) + forces.service_shoes * forces.friction_delay
     brake = gamma_brake(
         emergency,
         forces.friction_delay,
         service if min(service.values) > 0.0 else None,
-        _mean_delay(forces.electric, _electric_delay(consist, setup), forces.service_shoes, forces.friction_delay),
+        float((delayed / both).max()),
         kdry=StepFunction.constant(kdry),
         kwet=NO_FACTOR,
         adhesion=1.0,
@@ -188,9 +190,3 @@ def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: flo
         m_rotating_nom=100.0 * (mass / consist.mass - 1.0),
         t_traction_cut_off=_traction_delay(consist, setup),
     )
-
-
-def _mean_delay(electric: Array, electric_delay: float, shoes: Array, shoe_delay: float) -> float:
-    """Return the largest delay over the speeds of the mean of both brakes, weighted by their forces [s]."""
-    total = np.maximum(electric + shoes, 1e-9)
-    return float(((electric * electric_delay + shoes * shoe_delay) / total).max())

@@ -284,7 +284,9 @@ class PredictiveBrake(BrakePolicy):
         now = records_of(s.ForecastNow, [s.ForecastNow(position, velocity, unknown, stop)])
         best: Schedule = ()
         lowest = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=())
-        for schedule in self._schedules(t, self._latest_release(reference)):
+        slow = reference < self._rules.never_below + self._rules.speed_error  # too slow for a release
+        latest = STEP * max(int(slow.argmax()) - 1, 0) if slow.any() else self._rules.horizon
+        for schedule in self._schedules(t, latest):
             if lowest <= self._forecast.least_cost(schedule, self._reduction):
                 continue
             cost = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=schedule)
@@ -313,11 +315,6 @@ class PredictiveBrake(BrakePolicy):
         rests = np.flatnonzero(reference <= s.REST_SPEED)
         return reference, rests.item(-1) if rests.size else 0
 
-    def _latest_release(self, reference: Array) -> float:
-        """Return the time after which the profile is too slow for a release [s]; the horizon if it never is."""
-        slow = reference < self._rules.never_below + self._rules.speed_error
-        return STEP * max(int(slow.argmax()) - 1, 0) if slow.any() else self._rules.horizon
-
     def _schedules(self, t: float, latest: float) -> list[Schedule]:
         """Return the schedules that obey the pause and the minimum application, the later ones first."""
         rules = self._rules
@@ -325,7 +322,9 @@ class PredictiveBrake(BrakePolicy):
         earliest = max(self._changed_at + rest - t, 0.0)
         waits = sorted({max(wait * rules.period, earliest) for wait in WAITS}, reverse=True)
         if self._reduction > 0.0:
-            return [*self._releases(waits), *self._deeper(latest)]
+            deeper = [reduction for reduction in rules.reductions if reduction > self._reduction]
+            held = [schedule for reduction in deeper for schedule in self._applications(0.0, reduction, latest)]
+            return [*self._releases(waits), *held]
         return [
             schedule
             for wait in waits
@@ -348,8 +347,3 @@ class PredictiveBrake(BrakePolicy):
             for release in releases
             for schedule in ((release,), (release, PipeAction(release.after + self._rules.pause, again)))
         ]
-
-    def _deeper(self, latest: float) -> list[Schedule]:
-        """Return deeper reductions from now on: held, and released after some times."""
-        deeper = [reduction for reduction in self._rules.reductions if reduction > self._reduction]
-        return [schedule for reduction in deeper for schedule in self._applications(0.0, reduction, latest)]

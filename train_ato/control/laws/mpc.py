@@ -231,7 +231,11 @@ class Mpc(GuardedLaw):
         count, simulated = self._ticks + 1, ahead.simulated_force
         required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
         forward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
-        motion = self._motion_at_effect(inputs, sent, required[:count])
+        measured = self._motion
+        disturbance = measured.unexplained - measured.beyond_reference / inertia
+        motion = RelativeMotion(measured.observer.position_error, measured.observer.speed_error, disturbance, 0.0)
+        lag, tick = self.model.lag, self.model.tick
+        motion = free_motion(motion, inputs.applied, sent, required[:count], self._actuators, tick, lag, inertia)
         motion, disturbance = self._with_rate(motion)
         total = self._total_force(inputs, required, motion, disturbance, feedforward=plain_sum(forward), gain=gain)
         added = total - plain_sum(forward)
@@ -248,16 +252,6 @@ class Mpc(GuardedLaw):
             low, high = ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
             wanted = within_units(wanted, self.share, low, high)
         return [force / gain for force in wanted]
-
-    def _motion_at_effect(self, inputs: LawInput, sent: Array, required: Array) -> RelativeMotion:
-        """Return the motion at the time of effect."""
-        model, measured = self.model, self._motion
-        disturbance = measured.unexplained - measured.beyond_reference / measured.inertia
-        motion = RelativeMotion(measured.observer.position_error, measured.observer.speed_error, disturbance, 0.0)
-        later: RelativeMotion = free_motion(
-            motion, inputs.applied, sent, required, self._actuators, model.tick, model.lag, measured.inertia
-        )
-        return later
 
     def _with_rate(self, motion: RelativeMotion) -> tuple[RelativeMotion, float]:
         """Return the motion at the time of effect with the rate of the disturbance, and d + Ta d' there [m/s²]."""

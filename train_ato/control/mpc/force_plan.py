@@ -56,15 +56,6 @@ def node_times(first: float, last: float, count: int) -> Array:
     return np.array(times)
 
 
-def trapezoid_weights(times: Array) -> Array:
-    """Return the weights of the trapezoidal rule [s], shape (n,)."""
-    steps = np.diff(times)
-    weights = np.zeros(times.size)
-    weights[:-1] += 0.5 * steps
-    weights[1:] += 0.5 * steps
-    return weights
-
-
 @compiled
 def ramp_response(t, lag):
     """Return force, speed and position a time t [s] after the begin of a unit ramp through a lag [s]; 0 before it."""
@@ -87,7 +78,9 @@ def horizon_model(
     position error over omega².
     """
     position, velocity = responses(nodes, delays, share, lag, longest)
-    weights = trapezoid_weights(nodes)
+    steps, weights = np.diff(nodes), np.zeros(nodes.size)  # of the trapezoidal rule [s]
+    weights[:-1] += 0.5 * steps
+    weights[1:] += 0.5 * steps
     weights[-1] += 1.0 / omega
     weighted_position = (position_share * omega**2) ** 2 * weights[:, None] * position
     weighted_velocity = (4.0 - 2.0 * position_share) * omega**2 * weights[:, None] * velocity

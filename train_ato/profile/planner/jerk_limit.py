@@ -96,7 +96,10 @@ def _fitted(
 ) -> tuple[PlanSection | None, ValueError | None]:
     """Return a section with its window for the minimum time, or None and the reason."""
     try:
-        _set_first_window(section, jerk)
+        energy = section.energy_profile()  # the first window is that of the largest acceleration without a limit
+        section.fastest_speed = (section.grid.places, np.sqrt(2 * energy))
+        largest = max(float(np.abs(section.over_time(energy)[4]).max()), abs(section.begin_acceleration))
+        section.window = section.first_window = largest / jerk
         _fit(section, jerk, start, period, MINIMUM_TIME)
     except ValueError as problem:
         return None, problem
@@ -153,14 +156,6 @@ def _fit(section: PlanSection, jerk: float, start: float, period: float, strateg
         f"no solution from km {section.begin / 1000:.3f} to km {section.end / 1000:.3f} within jerk {jerk:g} m/s³ and "
         f"the forces (short by {100 * shortfall:.1f} %); increase jerk or reduce force_margin"
     )
-
-
-def _set_first_window(section: PlanSection, jerk: float) -> None:
-    """Set the window from the largest acceleration without a jerk limit."""
-    energy = section.energy_profile()
-    section.fastest_speed = (section.grid.places, np.sqrt(2 * energy))
-    history = section.over_time(energy)
-    section.window = section.first_window = max(float(np.abs(history[4]).max()), abs(section.begin_acceleration)) / jerk
 
 
 def _lower_changes(section: PlanSection, history: Array, jerk: float, period: float) -> bool:

@@ -133,12 +133,14 @@ class ShortfallDetector:
         speed = _regression_end([entry.speed_error for entry in samples])
         position = _regression_end([entry.position_error for entry in samples])
         direction = -1 if speed > 0 else 1
-        if not self._is_large(abs(speed), -direction * position):
+        behind = -direction * position > self._position_error
+        if abs(speed) <= self._speed_error * (GROWING_FRACTION if behind else 1.0):
             return None
         forces = [direction * entry.applied for entry in samples]
         level = forces[-1]
         tolerance = CONSTANT_TOLERANCE * max(abs(level), 0.01 * self._largest)
-        if min(forces) < -tolerance or not self._grows(direction):
+        errors, half = [-direction * entry.speed_error for entry in samples], len(samples) // 2
+        if min(forces) < -tolerance or plain_sum(errors[-half:]) <= plain_sum(errors[:half]):  # it does not grow
             return None
         constant = max(forces) - min(forces) <= tolerance
         places = (0, len(forces) // 2, -1)
@@ -157,18 +159,6 @@ class ShortfallDetector:
         """Return the nominal maximum force in a direction at a speed [N], at least 1."""
         low, high = self._model.force_limits(np.full(self._model.n_units, max(speed, 0.0)))
         return max(float(high.sum()) if direction > 0 else -float(low.sum()), 1.0)
-
-    def _is_large(self, speed: float, behind: float) -> bool:
-        """Return true for an error above the thresholds."""
-        return speed > self._speed_error or (
-            speed > GROWING_FRACTION * self._speed_error and behind > self._position_error
-        )
-
-    def _grows(self, direction: int) -> bool:
-        """Return true for a larger error in the second half of the window."""
-        errors = [-direction * entry.speed_error for entry in self._samples]
-        half = len(errors) // 2
-        return plain_sum(errors[-half:]) > plain_sum(errors[:half])
 
 
 def _regression_end(values: list[float]) -> float:

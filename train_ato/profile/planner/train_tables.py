@@ -117,7 +117,12 @@ class TrainTables:
                 f"train '{self.name}' has neither an electric brake nor an air brake in use; give a vehicle "
                 "type a brake envelope, or shoes and a brake.policy that applies them"
             )
-        self.highest_speed = self._default_speed_max()
+        ends = [
+            max((float(e.rows[-1, 0]) for e in units), default=np.inf)
+            for units in (self._traction, [whole for whole, _ in self._brakes])
+        ]
+        braked = ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1]
+        self.highest_speed = min(ends[0], braked, MAX_TABLE_SPEED)
         self.speed_max = min(self.highest_speed if speed_max is None else speed_max, MAX_TABLE_SPEED)
         self.speed: Array = SPEED_STEP * np.arange(int(np.ceil(self.speed_max / SPEED_STEP)) + 3, dtype=np.float64)
         traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
@@ -125,14 +130,6 @@ class TrainTables:
         self.traction, self.electric, air = self._with_friction(traction, pairs, self.speed)
         self.brake = self.electric + air
         self.resistance = self.resistance_at(self.speed)
-
-    def _default_speed_max(self) -> float:
-        """Return the end of the traction envelope, at most 98 % of the end of the brake envelope [m/s]."""
-        ends = [
-            max((float(e.rows[-1, 0]) for e in units), default=np.inf)
-            for units in (self._traction, [whole for whole, _ in self._brakes])
-        ]
-        return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], MAX_TABLE_SPEED)
 
     def resistance_at(self, speed: Array) -> Array:
         """Return the running resistance [N] at speeds >= 0."""
