@@ -3,8 +3,9 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from plant_sim.library import read_yaml
 
@@ -62,7 +63,11 @@ def texts(name: str) -> Any:
 
 
 def page_text(name: str, **parts: object) -> str:
-    """Return a page: ``NAME.txt`` with a value, or the lines of a table, in the place of each ``$part``."""
-    text = Template(Path(__file__).with_name(f"{name}.txt").read_text(encoding="utf-8"))
-    lines = {part: "\n".join(value) if isinstance(value, list) else value for part, value in parts.items()}
-    return text.substitute(lines).rstrip("\n") + "\n"
+    """Return a page: the Jinja template ``NAME.txt`` with its parts; a list is the lines of a table."""
+    pages = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        finalize=lambda part: "\n".join(part) if isinstance(part, list) else part,
+    )
+    return pages.get_template(f"{name}.txt").render(parts).rstrip("\n") + "\n"

@@ -16,7 +16,7 @@ from typing import Any
 
 import train_ato as ta
 from msgs_docs.generate.reference_pages import as_cell, as_code, as_table, schema_text
-from msgs_docs.generate.rows import page_text, texts
+from msgs_docs.generate.rows import page_text, table_lines, texts
 from plant_sim.units import number_text
 from train_ato.judge.metric_names import METRICS
 
@@ -64,24 +64,15 @@ def both_drives(symptom: Symptom) -> tuple[float, float]:
 
 def symptom_page() -> str:
     """Return the page of the symptoms, with the metric of each before and after the change."""
-    text = (
-        "# Tune by symptom\n\nEach row is two short drives of this build: one with the cause, one with the cause and "
-        "the change. The first line\nof a run, its criteria and the report name the symptom; see "
-        "[outcome of tracking](../tracking.md).\n\n"
-        "| symptom | cause in this drive | change | keys of the change | metric | before | after |\n"
-        "|---|---|---|---|---|---|---|\n"
-    )
+    rows = []
     for symptom in SYMPTOMS:
-        before, after = both_drives(symptom)
         name, unit = METRICS[symptom.metric]
         cause = ", ".join(f"`{key}={value}`" for key, value in symptom.cause.items()) or "none"
         change = ", ".join(f"`{key}={_short(value)}`" for key, value in symptom.change.items() if key != "plant.start")
-        cells = (symptom.symptom, cause, symptom.remedy, change, f"{name} in {unit}")
-        text += f"| {' | '.join(cells)} | {number_text(before, 3)} | {number_text(after, 3)} |\n"
-    return text + (
-        "\nThe brakes intervene: the first line of the run has the reason; [supervision](../supervision.md) has the "
-        "limit of each. Gains for\nseveral trains and seeds at once: [tuning](../tuning.md).\n"
-    )
+        figures = (number_text(value, 3) for value in both_drives(symptom))
+        rows.append((symptom.symptom, cause, symptom.remedy, change, f"{name} in {unit}", *figures))
+    heads = ("symptom", "cause in this drive", "change", "keys of the change", "metric", "before", "after")
+    return page_text("symptoms", table=table_lines(heads, rows))
 
 
 def _short(value: object) -> str:

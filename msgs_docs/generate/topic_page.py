@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import train_ato as ta
-from msgs_docs.generate.rows import table_lines
+from msgs_docs.generate.rows import page_text, table_lines
 from plant_sim.states import Odometry
 from plant_sim.units import unit_suffix
 from train_ato.judge.run_end import RunEnd
@@ -20,7 +20,7 @@ from train_ato.messages.cdr import typestore
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, END_TOPIC, FORCE_PARTS, REPORT, TOPICS, Place, Topic
-from train_ato.messages.types import Diagnostic, Tick
+from train_ato.messages.types import Tick
 from train_ato.messages.variable_codec import HARDWARE, LISTED, STATUS_NAMES, message_key
 
 SHOWN = 3
@@ -115,31 +115,28 @@ HEADS = ("topic", "type", "from", "subscribers besides the recorder", "rate", "Q
 
 def page() -> str:
     """Return the text of the page."""
-    lines = [
-        "# Topics",
-        "",
-        "Made from `train_ato/messages/topics.py` by `python -m msgs_docs.generate`; do not edit by hand.",
-        "",
-        *table_lines(HEADS, map(_row, TOPICS)),
-        "",
-        "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
-        "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are",
-        "not listed are empty or 0. Below each table is a message of a heavy-haul train in a namespace, behind another",
-        "train, in the form of `ros2 topic echo`. A long list is cut.",
-    ]
-    for topic in TOPICS:
-        meaning = f"{topic.meaning[0].upper()}{topic.meaning[1:]}{_condition(topic)}."
-        lines += ["", f"## `{topic.name}`", "", meaning, ""]
-        lines += [*table_lines(("field", "column", "unit", "meaning"), ()), *_fields(topic)]
-        if topic.message is Diagnostic:
-            lines += _units()
-        if example := examples().get(topic.name):
-            lines += ["", "```yaml", example, "```"]
-    return "\n".join(lines) + "\n"
+    units: dict[str, list[str]] = {}
+    for key, unit in DIAGNOSTIC_UNITS.items():
+        listed = f"`{key}_I{unit_suffix(unit)}`"
+        units.setdefault(unit, []).append(listed if key in LISTED else f"`{message_key(key)}`")
+    nodes: dict[str, list[str]] = {}
+    for node, name in HARDWARE.items():
+        nodes.setdefault(name, []).append(node)
+    return page_text(
+        "topics",
+        table=table_lines(HEADS, map(_row, TOPICS)),
+        topics=TOPICS,
+        meaning=lambda topic: f"{topic.meaning[0].upper()}{topic.meaning[1:]}{_condition(topic)}.",
+        fields=_fields,
+        parts=", ".join(f"`{name}`" for name in STATUS_NAMES.values()),
+        hardware=", ".join(f"`{name}` ({', '.join(nodes)})" for name, nodes in nodes.items()),
+        units=units,
+        examples=examples(),
+    )
 
 
 def _fields(topic: Topic) -> list[str]:
-    rows = []
+    rows = table_lines(("field", "column", "unit", "meaning"), ())
     if topic.has_states:
         (owner,) = topic.owners
         each = f", with each of {_names(owner)} in place of `NAME`: {owner.meaning}" if _prefix(owner) == "NAME" else ""
@@ -187,29 +184,6 @@ def _field(topic: Topic, place: Place) -> str:
     )
     path = "status[0].values[].value" if topic.has_states else place.path
     return f"| `{path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
-
-
-def _units() -> list[str]:
-    """Return the lines with ``hardware_id`` and the keys of the diagnostics by unit."""
-    by_unit: dict[str, list[str]] = {}
-    for key, unit in DIAGNOSTIC_UNITS.items():
-        listed = f"`{key}_I{unit_suffix(unit)}`"
-        by_unit.setdefault(unit, []).append(listed if key in LISTED else f"`{message_key(key)}`")
-    of_unit: dict[str, list[str]] = {}
-    for node, name in HARDWARE.items():
-        of_unit.setdefault(name, []).append(node)
-    hardware = ", ".join(f"`{name}` ({', '.join(nodes)})" for name, nodes in of_unit.items())
-    names = ", ".join(f"`{name}`" for name in STATUS_NAMES.values())
-    return [
-        "",
-        f"`status[].name` is node and part, as `diagnostic_aggregator` groups them: {names}.",
-        "Older logs have the node alone.",
-        f"`status[].hardware_id` is the unit of the vehicle: {hardware}. A value with",
-        "a unit is a plain number, and its key ends with the unit (`I`: number of the power unit).",
-        "Keys with a unit:",
-        "",
-        *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items()),
-    ]
 
 
 def _condition(topic: Topic) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from msgs_docs.generate.rows import table_lines
+from msgs_docs.generate.rows import page_text, table_lines
 from plant_sim.library import consist_names, load_consist, load_line
 from plant_sim.units import number_text
 from train_ato.control.compensation.contract import check_compatible
@@ -84,7 +84,6 @@ def demo_of(kind: str, name: str) -> DemoRun:
 
 
 REGISTRIES = (LAWS, OBSERVERS, COMPENSATIONS)
-PLURAL = {"law": "laws", "observer": "observers", "compensation": "compensations"}
 KIND = {"law": "control law", "observer": "disturbance observer", "compensation": "delay compensation"}
 
 
@@ -326,42 +325,31 @@ def page(component: Component, measured: Measured) -> str:
     """Return the page of one component."""
     title, does, law, needs = sections(component.text, modules())
     rows = measured.get(component.key, [])
-    parts = [f"# {component.name}", f"{title} {_origin(component)}", does]
-    if rows:
-        parts.append(_figure(component, rows))
-    parts += [f"## The {PLURAL[component.kind].rstrip('s')}", law] if law else []
-    parts += ["## Parameters", parameter_table(component)]
-    parts += ["## Requirements", *([needs] if needs else []), "\n".join(tried_trains(component))]
-    if refused := companions(component):
-        parts.append("\n".join(refused))
-    if rows:
-        parts += ["## Measured", measured_table(rows), commands(rows)]
-    return "\n\n".join(parts) + "\n"
-
-
-def _origin(component: Component) -> str:
-    kind = KIND[component.kind]
-    return (
-        f"A {kind}: `{component.kind}: {component.name}`. This page is generated from docstring and parameters in "
-        f"`{component.source}` by `python -m msgs_docs.generate`; do not edit it."
+    return page_text(
+        "law",
+        component=component,
+        kind=KIND[component.kind],
+        title=title,
+        does=does,
+        demo=demo_of(component.kind, component.name),
+        rows=rows,
+        law=law,
+        parameters=parameter_table(component),
+        needs=needs,
+        trains=tried_trains(component),
+        refused=companions(component),
+        measured=measured_table(rows),
     )
 
 
-def _figure(component: Component, rows: list[Mapping[str, Any]]) -> str:
-    drawn, beside, demo = rows[0], rows[1], demo_of(component.kind, component.name)
-    lower = "force of all units" if demo.lower == "force" else "estimate and truth"
-    caption = f"{demo.draw.capitalize()} error and {lower}: {drawn['run']}, beside {beside['run']}"
-    return f"![{component.name}]({component.page}.png)\n\n{caption} (`{drawn['scenario']}`)."
-
-
-def parameter_table(component: Component) -> str:
+def parameter_table(component: Component) -> list[str]:
     """Return the table of a component's parameters."""
     entries = component.parameters
     if not entries:
-        return "None."
+        return ["None."]
     rows = [(f"`{e.name}`", _default(e), e.unit or "-", _range(e), e.meaning) for e in entries]
     heads = ("parameter", "default", "unit", "range", "meaning")
-    return "\n".join(table_lines(heads, ([cell.replace("|", "\\|") for cell in cells] for cells in rows)))
+    return table_lines(heads, ([cell.replace("|", "\\|") for cell in cells] for cells in rows))
 
 
 def _default(entry: Parameter) -> str:
@@ -378,37 +366,24 @@ def _range(entry: Parameter) -> str:
     return f"{number_text(entry.low)} ... {number_text(entry.high)}"
 
 
-def measured_table(rows: list[Mapping[str, Any]]) -> str:
+def measured_table(rows: list[Mapping[str, Any]]) -> list[str]:
     """Return the table of the measured runs."""
     used = [(key, title) for key, title in COLUMNS if any(row.get(key) is not None for row in rows)]
     cells = ([row["run"], *(_cell(row.get(key)) for key, _ in used)] for row in rows)
-    return "\n".join(table_lines(("run", *(title for _, title in used)), cells))
+    return table_lines(("run", *(title for _, title in used)), cells)
 
 
 def _cell(value: Any) -> str:
     return value if isinstance(value, str) else format_value(value)
 
 
-def commands(rows: list[Mapping[str, Any]]) -> str:
-    """Return the commands of the runs of a table, in its order."""
-    return "Commands, in the order of the table:\n\n```sh\n" + "\n".join(row["command"] for row in rows) + "\n```"
-
-
 def index(measured: Measured) -> str:
     """Return the index page."""
-    parts = [
-        "# Laws, observers, compensations",
-        "Every law runs with every observer, and with every compensation except those marked below. These pages are "
-        "generated from docstrings, parameters and error messages by `python -m msgs_docs.generate`; "
-        "figures and measured tables are generated from runs by `python -m msgs_docs.generate --measure`.",
-    ]
-    for registry in REGISTRIES:
-        parts += [f"## {PLURAL[registry.kind].capitalize()}", _list(registry.kind, measured)]
-    parts += ["## Which law with which compensation", _matrix()]
-    return "\n\n".join(parts) + "\n"
+    tables = {f"{registry.kind.capitalize()}s": _list(registry.kind, measured) for registry in REGISTRIES}
+    return page_text("laws", tables=tables, matrix=_matrix())
 
 
-def _list(kind: str, measured: Measured) -> str:
+def _list(kind: str, measured: Measured) -> list[str]:
     lines = []
     for component in components():
         if component.kind != kind:
@@ -424,7 +399,7 @@ def _list(kind: str, measured: Measured) -> str:
             cells += ["-"] * 4
         lines.append(cells)
     heads = ("name", "description", "demonstration", "rms km/h, outcome", "compared with", "rms km/h, outcome")
-    return "\n".join(table_lines(heads, lines))
+    return table_lines(heads, lines)
 
 
 def _rms(row: Mapping[str, Any]) -> str:
@@ -432,17 +407,11 @@ def _rms(row: Mapping[str, Any]) -> str:
     return ", ".join([format_value(row["speed_rmse_kmh"]), *row.get("outcome", "").split(";")[:1]]).rstrip(", ")
 
 
-def _matrix() -> str:
+def _matrix() -> list[str]:
     laws = [component.name for component in components() if component.kind == "law"]
     names = [component.name for component in components() if component.kind == "compensation"]
     rows = []
     for law in laws:
         rejected = {name: f"rejected{on_trains(where)}" for name, _, where in conflicts(law)}
         rows.append([f"`{law}`", *(rejected.get(name, "yes") for name in names)])
-    note = (
-        "With the default gains of every shipped train. An incompatible pair is rejected with one line that gives the "
-        "reason and the nearest choice, before the start or at a change of the law: `smc`, `rbf_smc` and "
-        "`fixed_time_smc` use a feed-forward with `equivalent: feedforward`, `funnel` and `gpc` with "
-        "`feedforward: true`, and `gpc` accepts a predictor with `delay: none`."
-    )
-    return "\n".join(table_lines(("law", *(f"`{name}`" for name in names)), rows)) + "\n\n" + note
+    return table_lines(("law", *(f"`{name}`" for name in names)), rows)
