@@ -430,21 +430,20 @@ def unmeasured(root: Path) -> list[str]:
 def page(root: Path) -> str:
     """Return the text of the page."""
     figures = read_rows(root / MEASURED)
+    pairs = [(row, fault_of(row.pair), figures.get(row.requirement, {})) for row in ROWS if row.pair is not None]
+    used = {fault.base for _, fault, _ in pairs}
     return page_text(
         NAME,
-        hazards=[
-            f"| {h.key} | {h.text} | {h.measure}{f' [{h.unit}]' if h.unit else ''} | {h.bound} |" for h in HAZARDS
-        ],
+        hazards=HAZARDS,
         matrix=_matrix(),
-        requirements=[
-            f"| {row.requirement} | {row.hazard} | {row.action}, {row.guide}: {row.unsafe} | {row.text} |"
-            for row in ROWS
-        ],
+        rows=ROWS,
         verification=[_verification(row) for row in ROWS],
         mutation=_mutation_rows(root),
-        bases=_bases(),
-        pairs=[_pair(row, figures.get(row.requirement, {})) for row in ROWS if row.pair is not None],
-        open=[_open(entry, figures.get(entry.text, {})) for entry in OPEN],
+        bases={name: run for name, run in BASES.items() if name in used},
+        pairs=pairs,
+        removals=REMOVALS,
+        units=UNITS,
+        open=[(entry, figures.get(entry.text, {})) for entry in OPEN],
     )
 
 
@@ -468,37 +467,3 @@ def _verification(row: HazardRow) -> str:
 
 def _file(monitor: str) -> str:
     return f"`{monitor.partition(':')[0].replace('.', '/')}.py`"
-
-
-def _bases() -> str:
-    """Return the commands of the scenarios."""
-    used = {fault_of(row.pair).base for row in ROWS if row.pair is not None}
-    lines = []
-    for base in BASES:
-        if base in used:
-            name, *sets = BASES[base]
-            options = " ".join(f"--set '{text}'" for text in sets)
-            lines.append(f"* {base}: `train-ato run {name} {options}`")
-    return "\n".join(lines)
-
-
-def _scenario(base: str, sets: tuple[str, ...]) -> str:
-    return " ".join([base, *(f"`--set '{text}'`" for text in sets)])
-
-
-def _figure(value: Any, hazard: str) -> str:
-    return "-" if value is None else f"{value:g} {UNITS[hazard]}".strip()
-
-
-def _pair(row: HazardRow, found: dict[str, Any]) -> str:
-    assert row.pair is not None
-    fault = fault_of(row.pair)
-    scenario = f"{row.pair.fault} (fault table)" if row.pair.fault else _scenario(fault.base, row.pair.sets)
-    removed = "; ".join(REMOVALS[name].removed for name in row.pair.without)
-    values = " | ".join(_figure(found.get(key), row.hazard) for key in ("with", "without", "bound"))
-    return f"| {row.requirement}, {row.hazard} | {scenario} | {removed} | {values} |"
-
-
-def _open(entry: OpenHazard, found: dict[str, Any]) -> str:
-    values = " | ".join(_figure(found.get(key), entry.hazard) for key in ("without", "bound"))
-    return f"| {entry.hazard} | {entry.text} | {_scenario('metro', entry.sets)} | {values} |"

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from msgs_docs.generate.fault_page import BASES, BEGIN, ROWS, STANDSTILL, FaultRow, FaultRun
-from msgs_docs.generate.rows import page_text, read_rows, row_line, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, write_rows
 from train_ato.api.progress import share_bar
 from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
@@ -270,8 +271,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 PAGE = Path("msgs_docs", "random_runs.md")
 NAME = "random_runs"
-FAULTLESS = ("without_fault", "interventions_without_fault")
-"""Numbers of runs without a fault, and of those with an intervention."""
 
 
 def measure(root: Path) -> None:
@@ -289,36 +288,20 @@ def unmeasured(root: Path) -> list[str]:
 def page(root: Path) -> str:
     """Return the text of the page."""
     found = read_rows(root / MEASURED)
-    spread = {**SPREAD, "plant.adhesion (metro)": ADHESION, "links.command.delay, factor": DELAY}
-    groups: dict[str, Any] = found.get("scenarios", {})
-    keys = ("runs", "beyond", "too_fast", "interventions", "failed", "moving_at_end")
-    totals = {key: sum(group[key] for group in groups.values()) for key in (*keys, *FAULTLESS)}
+    scenarios: dict[str, Any] = found.get("scenarios", {})
+    totals = Counter[str]()
+    for group in scenarios.values():
+        totals.update({key: value for key, value in group.items() if isinstance(value, int)})
     return page_text(
         NAME,
         count=COUNT,
         seed=SEED,
         share=f"{100.0 * NO_FAULT:g}",
-        spread=[f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()],
-        results=[
-            *(row_line(_named(base), *(group[key] for key in keys)) for base, group in groups.items()),
-            row_line("all", *(totals[key] for key in keys)),
-        ],
-        distances=[
-            row_line(_named(base), *(_quantile_cells(group[key]) for key in ("margin_m", "short_m")))
-            for base, group in groups.items()
-        ],
-        **{key: totals[key] for key in FAULTLESS},
-        bad=[f"* run {bad['number']}, {bad['margin_m']:g} m: `{bad['command']}`" for bad in found.get("bad", [])],
+        spread={**SPREAD, "plant.adhesion (metro)": ADHESION, "links.command.delay, factor": DELAY},
+        groups={f"{base} (`{SCENARIOS[base][1]}`)": group for base, group in scenarios.items()},
+        totals=totals,
+        bad=found.get("bad", []),
     )
-
-
-def _named(base: str) -> str:
-    """Return the scenario of runs with its name."""
-    return f"{base} (`{SCENARIOS[base][1]}`)"
-
-
-def _quantile_cells(found: dict[str, float]) -> str:
-    return ", ".join(f"{found[key]:g}" for key in ("smallest", "median", "p95")) if found else "-"
 
 
 if __name__ == "__main__":
