@@ -272,12 +272,17 @@ def page(root: Path) -> str:
         topics=", ".join(f"`{name}` ({', '.join(readers)})" for name, readers in FAULT_TOPICS.items()),
         nodes=_models(NodeFault),
         defences=_defences(),
-        requests=[f"| `{name}` | {ACTIONS[name].meaning} |" for name in REQUESTS],
+        requests=REQUESTS,
+        actions=ACTIONS,
         **{mode: sum(mode in ways_of(row) for row in ROWS) for mode in MODES},
         begin=BEGIN,
         ended=sum(ends_process(row) and "processes" in ways_of(row) for row in ROWS),
-        recorder=", ".join(f"`{row.sets[0]}`" for row in RECORDER_ROWS),
-        table=_table(read_rows(root / MEASURED)),
+        recorder=RECORDER_ROWS,
+        bases=BASES,
+        rows=ROWS,
+        figures=read_rows(root / MEASURED),
+        ways=ways_of,
+        modes=MODES,
     )
 
 
@@ -308,25 +313,3 @@ def _defences() -> list[str]:
         if defence and not line.startswith("=") and line[20:22] == "  ":
             rows.append((threat, defence))
     return table_lines(rows[0], rows[1:])
-
-
-HEADS = ("fault", "kind", "`--set`", "margin [m]", "speed, bound [km/h]", "detected, demand [s]", "end", "modes")
-
-
-def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
-    """Return the tables of the rows, one per scenario."""
-    lines: list[str] = []
-    for base, (name, *sets) in BASES.items():
-        options = " ".join(f"--set '{text}'" for text in sets)
-        lines += ["", f"`train-ato run {name} {options}` with `--set '...'` of each row:", ""]
-        lines += table_lines(HEADS, (_row(row, figures.get(row.name, {})) for row in ROWS if row.base == base))
-    return lines
-
-
-def _row(row: FaultRow, found: dict[str, Any]) -> tuple[object, ...]:
-    sets = " ".join(f"`{text}`" for text in row.sets)
-    speeds = f"{found.get('top_speed_kmh', '-')}, {found.get('bound_kmh', '-')}"
-    times = ", ".join("-" if found.get(key) is None else f"{found[key]:g}" for key in ("detected_s", "reacted_s"))
-    end = "planned stop" if row.arrives else "standstill"
-    modes = "".join(MODES[mode] for mode in ways_of(row))
-    return row.name, row.kind, sets, found.get("margin_m", "-"), speeds, times, end, modes
