@@ -12,7 +12,7 @@ from train_ato.messages.types import Array
 from train_ato.papers.claims import Result
 from train_ato.papers.p000_heavy_haul.cases import PERIOD
 from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, unexplained
-from train_ato.papers.p001_metro.cases import INERTIA
+from train_ato.papers.p001_metro.checks import INERTIA
 from train_ato.papers.p002_freight.checks import STIFFNESS_KN
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import load_scenario

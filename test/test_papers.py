@@ -30,11 +30,10 @@ from train_ato.papers.claims import (
 )
 from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
 from train_ato.papers.p000_heavy_haul.checks import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
-from train_ato.papers.p001_metro.cases import CASES as METRO_CASES
-from train_ato.papers.p001_metro.cases import INERTIA, TRAINS
-from train_ato.papers.p001_metro.checks import shaking
+from train_ato.papers.p001_metro.checks import CASES as METRO_CASES
+from train_ato.papers.p001_metro.checks import INERTIA, TRAINS, shaking
 from train_ato.papers.p001_metro.claims import PAPER, truth_and_estimate
-from train_ato.papers.p002_freight.cases import LAWS
+from train_ato.papers.p002_freight.checks import LAWS
 from train_ato.papers.p002_freight.observer_trials import fixed_time_bound, nominal_settling, observer_accuracy, truth
 from train_ato.papers.p003_funnel.checks import boundaries, last_saturation, off_profile, recovery_by_38
 from train_ato.papers.p003_funnel.claims import CASES as FUNNEL_CASES

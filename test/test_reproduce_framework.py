@@ -19,7 +19,7 @@ from train_ato.cli.main import main
 from train_ato.papers import claims, paper_packages
 from train_ato.papers import claims as c
 from train_ato.papers.drawing import HELD, panels, save, trace
-from train_ato.papers.p002_freight import cases as p002
+from train_ato.papers.p002_freight import checks as p002
 from train_ato.papers.p003_funnel import claims as p003
 from train_ato.papers.p004_gpc import checks as p004
 from train_ato.papers.session import (

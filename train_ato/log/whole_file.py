@@ -22,8 +22,9 @@ def writing(path: Path) -> Iterator[None]:
         raise OSError(error.errno or 0, reason, str(path)) from None
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file under a temporary name and rename it, so that a full disk leaves no empty file.
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield the path of a new file that takes the name ``path`` at the end of the block, so that none is written half.
 
     Raises
     ------
@@ -32,9 +33,16 @@ def write_whole(path: Path, text: str) -> None:
     """
     temporary = path.with_name(f".{path.name}.new")
     try:
-        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
-        temporary.replace(path)
-    except OSError as error:
+        with writing(path):
+            yield temporary
+            temporary.replace(path)
+    except OSError:
         with suppress(OSError):
             temporary.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file as a whole or not at all, as :func:`replacing`."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -18,6 +17,7 @@ from train_ato.control.registry import LAWS
 from train_ato.judge.recording import Recording
 from train_ato.messages.types import Array
 from train_ato.papers.claims import Case, Result
+from train_ato.papers.drawing import thinned
 from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 from train_ato.papers.session import Finished, run_cases
 from train_ato.report.print_figures import LONG_RUN_S, SHEET_SIZE, styled
@@ -25,8 +25,6 @@ from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import load_scenario
 from train_ato.scenario.setup import RunSetup
 
-POINTS = 3000
-"""Beyond so many points a line is drawn as the band between its extremes."""
 COLOURS_OF_PNG = 64
 
 
@@ -43,14 +41,16 @@ def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case
         part = _part(demo, recording)
         time = recording.time[part] / (60.0 if minutes else 1.0)
         style = {"color": COLOURS[index], "lw": 1.8 if index else 1.0, "alpha": 0.7 if index else 1.0, "label": label}
-        _line(upper, time, _error(demo, setup, recording)[part], **style)
+        upper.plot(*thinned(time, _error(demo, setup, recording)[part]), **style)
         if demo.lower == "force":
-            _line(lower, time, recording.applied.sum(axis=1)[part] / 1e3, **style)
+            lower.plot(*thinned(time, recording.applied.sum(axis=1)[part] / 1e3), **style)
             continue
         if index == 0:
-            _line(lower, time, _truth(setup, recording)[part] / 1e3, color=GREY, lw=2.6, alpha=0.45, label="truth")
+            lower.plot(
+                *thinned(time, _truth(setup, recording)[part] / 1e3), color=GREY, lw=2.6, alpha=0.45, label="truth"
+            )
         if np.any(recording.estimate):
-            _line(lower, time, recording.estimate[part, 0] / 1e3, **style)
+            lower.plot(*thinned(time, recording.estimate[part, 0] / 1e3), **style)
     upper.set_ylabel("speed error in km/h" if demo.draw == "speed" else "position error in m")
     lower.set_ylabel("force in kN" if demo.lower == "force" else "disturbance in kN\n(front unit)")
     lower.set_xlabel("time in min" if minutes else "time in s")
@@ -72,17 +72,6 @@ def save_small(figure: Figure, path: Path) -> None:
     figure.savefig(buffer, format="png")
     buffer.seek(0)
     Image.open(buffer).convert("RGB").quantize(COLOURS_OF_PNG).save(path, optimize=True)
-
-
-def _line(panel: Axes, time: Array, values: Array, **style: Any) -> None:
-    """Draw a line; a long one by the extremes of its pieces, so that no peak is lost."""
-    if time.size > POINTS:
-        width = -(-time.size // (POINTS // 2))
-        count = time.size // width
-        pieces = values[: count * width].reshape(count, width)
-        values = np.column_stack((pieces.min(axis=1), pieces.max(axis=1))).ravel()
-        time = np.repeat(time[: count * width : width], 2)
-    panel.plot(time, values, **style)
 
 
 def _part(demo: DemoRun, recording: Recording) -> slice:

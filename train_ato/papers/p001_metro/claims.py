@@ -10,7 +10,7 @@ from train_ato.messages.types import Array
 from train_ato.papers.claims import CaseTable, FigureFile, Paper, Result, Results, printed_forms_table, recording
 from train_ato.papers.drawing import HELD, Series, between, inset, panels, save, trace
 from train_ato.papers.p001_metro import checks as judges
-from train_ato.papers.p001_metro.cases import CASES, INERTIA, LAWS, PRINTED_FORMS, TRAINS
+from train_ato.papers.p001_metro.checks import CASES, INERTIA, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.report.quantities import COLOURS
 
 

@@ -10,8 +10,7 @@ from train_ato.papers import claims as c
 from train_ato.papers.claims import recording as series_of
 from train_ato.papers.drawing import HELD, panel_grid, save_grid
 from train_ato.papers.p002_freight import checks as judge
-from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
-from train_ato.papers.p002_freight.checks import MASS, OFFSETS, time_text
+from train_ato.papers.p002_freight.checks import CASES, DELAYS, LAWS, time_text
 from train_ato.papers.p002_freight.observer_trials import FORMS
 from train_ato.report.quantities import COLOURS
 
@@ -70,13 +69,13 @@ def _largest_part(results: c.Results, form: str) -> float:
 @OBSERVER_CLAIMS.judged_by(
     "the observer is ready for use on board",
     "accurate estimates",
-    (f"observers {key}" for key in OBSERVER_TICKS),
+    (f"observers {key}" for key in judge.OBSERVER_TICKS),
     c.THREE,
 )
 def observer_sampling(results: c.Results) -> c.Judgement:
     """Judge the accuracy of the observer at the sampling times on board."""
     cells = []
-    for key in OBSERVER_TICKS:
+    for key in judge.OBSERVER_TICKS:
         figures = results[f"observers {key}"].summary
         best = min(FORMS, key=lambda name: figures[f"{name} d1"] + figures[f"{name} d2"])
         cells.append(f"{key}: printed {percent(max(figures['printed d1'], figures['printed d2']))}, best {best}")
@@ -162,8 +161,8 @@ def _tracking(results: c.Results, path: Path) -> c.FigureFile:
     t = recording.time
     figure, axes = panel_grid("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
     motion = np.gradient(recording.position, t, axis=0)
-    stretch = -np.diff(recording.position, axis=1) - np.diff(OFFSETS)
-    error = c.position_error(recording, OFFSETS)
+    stretch = -np.diff(recording.position, axis=1) - np.diff(judge.OFFSETS)
+    error = c.position_error(recording, judge.OFFSETS)
     for column, until in enumerate((t[-1], 3.0)):
         part = t <= until
         rows = [axes[row, column] for row in range(5)]
@@ -176,9 +175,9 @@ def _tracking(results: c.Results, path: Path) -> c.FigureFile:
         for car in range(5):
             look: dict[str, Any] = {"color": COLOURS[car], "lw": 0.9, "label": f"car {car + 1}"}
             rows[0].plot(t[part], motion[part, car], **look)
-            rows[1].plot(t[part], recording.position[part, car] + OFFSETS[car], **look)
+            rows[1].plot(t[part], recording.position[part, car] + judge.OFFSETS[car], **look)
             rows[2].plot(t[part], error[part, car], **look)
-            rows[4].plot(t[part], recording.command[part, car] / MASS, **look, **HELD)
+            rows[4].plot(t[part], recording.command[part, car] / judge.MASS, **look, **HELD)
         for coupler in range(4):
             rows[3].plot(
                 t[part], stretch[part, coupler], color=COLOURS[coupler], lw=0.9, label=f"coupler {coupler + 1}"
@@ -227,7 +226,7 @@ def _realistic(results: c.Results, path: Path) -> c.FigureFile:
         if index == 0:
             axes[0, 0].plot(t, recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
         axes[0, 0].plot(t, recording.front_velocity, color=colour, lw=0.9, label=label)
-        error = c.position_error(recording, OFFSETS)
+        error = c.position_error(recording, judge.OFFSETS)
         c.worst = error[np.arange(t.size), np.abs(error).argmax(axis=1)]
         axes[1, 0].plot(t, c.worst, color=colour, lw=0.9, label=label)
         axes[2, 0].plot(t, c.mean_speed_error(recording), color=colour, lw=0.9, label=label)
@@ -254,7 +253,7 @@ def _table_rows(results: c.Results) -> Sequence[Sequence[Any]]:
 
 
 def _ratio_rows(results: c.Results) -> Sequence[Sequence[Any]]:
-    return [_row(results, law, (f"x{ratio}" for ratio in RATIOS)) for law in ("unit", "common", "common damped")]
+    return [_row(results, law, (f"x{ratio}" for ratio in judge.RATIOS)) for law in ("unit", "common", "common damped")]
 
 
 def _observer_rows(results: c.Results) -> Sequence[Sequence[Any]]:
@@ -264,7 +263,7 @@ def _observer_rows(results: c.Results) -> Sequence[Sequence[Any]]:
             *(percent(results[f"observers {key}"].summary[f"{name} {part}"]) for part in ("d1", "d2", "d1'")),
             judge.time_text(results[f"observers {key}"].summary[f"{name} settling"]),
         ]
-        for key in OBSERVER_TICKS
+        for key in judge.OBSERVER_TICKS
         for name in FORMS
     ]
 
@@ -289,9 +288,9 @@ PAPER = c.Paper(
         ),
         c.CaseTable(
             "the same over the ratio of true to modelled delay (modelled 0.8 s)",
-            ("law", *(f"{ratio:g}" for ratio in RATIOS)),
+            ("law", *(f"{ratio:g}" for ratio in judge.RATIOS)),
             _ratio_rows,
         ),
-        c.printed_forms_table(PRINTED_FORMS),
+        c.printed_forms_table(judge.PRINTED_FORMS),
     ),
 )

@@ -7,15 +7,14 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.api.series_folder import SeriesFolder
 from train_ato.judge.metric_names import verdict_html
 from train_ato.log.versions import versions
+from train_ato.log.whole_file import replacing
 from train_ato.program.errors import check_packages, refusing
 from train_ato.studies.sweep.groups import ERROR_METRIC, NotDrawable, shown_metrics
 from train_ato.studies.sweep.row import Row, SweepBase, data_hash
@@ -102,27 +101,14 @@ def _column(values: list[Any]) -> list[Any]:
 
 
 def write_results(path: Path, frame: pd.DataFrame, identity: Mapping[str, Any]) -> None:
-    """Write the table as one Parquet file, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        With the name of the file; an earlier file is unchanged.
-    """
+    """Write the table as one Parquet file, whole or not at all."""
     import pyarrow as pa
     import pyarrow.parquet
 
     table = pa.Table.from_pandas(frame, preserve_index=False)
     metadata = {**(table.schema.metadata or {}), METADATA: json.dumps(identity, default=str).encode()}
-    temporary = path.with_name(f".{path.name}.new")
-    try:
+    with replacing(path) as temporary:
         pyarrow.parquet.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
-        temporary.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        raise OSError(error.errno or 0, reason, str(path)) from None
 
 
 def read_results(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
