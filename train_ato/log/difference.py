@@ -107,11 +107,6 @@ def compare_logs(
         Tolerance of numbers, relative to the maximum magnitude of their field in ``one``; 0 requires equal bits.
     progress
         Receiver of the completed fraction.
-
-    Raises
-    ------
-    ValueError
-        If one of the files is not a log, or damaged, or has a message too long for the train.
     """
     for window in (WINDOW_NS, math.inf):
         with suppress(_LateMessage):

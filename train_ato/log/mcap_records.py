@@ -328,13 +328,7 @@ def _is_text(path: Path) -> bool:
 
 @contextmanager
 def readable(path: Path, *, broken: bool = False) -> Iterator[None]:
-    """Convert damage of a file and disk errors into a one-line ValueError; with ``broken``, stop at the damage.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log, damaged or unreadable.
-    """
+    """Convert damage of a file and disk errors into a one-line ValueError; with ``broken``, stop at the damage."""
     try:
         yield
     except Damage as damage:
@@ -390,11 +384,6 @@ def stream(path: Path, *, broken: bool = False, progress: Progress | None = None
         Stop at the first damage without an error, for example at the end of a partial file.
     progress
         Receiver of the fraction of the file that is read.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log or damaged.
     """
     known = Definitions()
     with readable(path, broken=broken):

@@ -120,11 +120,6 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
         Read the undamaged part of a partial file.
     progress
         Receiver of the fraction of the file that is read.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log, or damaged.
     """
     stamps: dict[str, _Stamps] = {}
     types: dict[str, str] = {}

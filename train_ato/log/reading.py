@@ -204,13 +204,7 @@ class WallTime:
 
 
 def read_wall_time(path: Path, *, broken: bool = False) -> WallTime | None:
-    """Return the wall time of a log; None for a log without the record, as of another recorder.
-
-    Raises
-    ------
-    ValueError
-        If the file is not a log or damaged.
-    """
+    """Return the wall time of a log; None for a log without the record, as of another recorder."""
     found = None
     for record in _parsed(path, Opcode.METADATA, metadata_of, broken=broken):
         if record.name == WALL_TIME:

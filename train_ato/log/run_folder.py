@@ -83,13 +83,7 @@ STARTED = "scenario.started.yaml"
 
 
 def check_free(path: Path, option: str = "--out") -> None:
-    """Check that a run folder can be created; ``option`` is its name in messages.
-
-    Raises
-    ------
-    ValueError
-        If it exists already or cannot be written.
-    """
+    """Check that a run folder can be created; ``option`` is its name in messages."""
     try:
         taken = path.exists()
     except OSError as error:
@@ -117,13 +111,7 @@ class RunFolder:
 
     @classmethod
     def make(cls, wanted: Path | None, name: str, option: str = "--out") -> "RunFolder":
-        """Create the folder of a new run; ``option`` is its name in messages.
-
-        Raises
-        ------
-        ValueError
-            If it exists already or cannot be written.
-        """
+        """Create the folder of a new run; ``option`` is its name in messages."""
         path = wanted if wanted is not None else next_free(name)
         check_free(path, option)
         made = (path, *(parent for parent in path.parents if not parent.exists()))
@@ -200,11 +188,6 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     path
         Run folder, or its log with the attached scenario; only the log of a measured run has an attached summary.  A
         folder without ``scenario.yaml`` is that of a recorder that was killed, or found no room at the end.
-
-    Raises
-    ------
-    ValueError
-        If it is not a run.
     """
     if path.is_dir() and ((path / SCENARIO).is_file() or not (path / LOG).is_file()):
         summary = read_summary(path)

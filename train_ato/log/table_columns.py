@@ -73,13 +73,7 @@ FIXED = ("node", "level", "message")
 
 
 def trajectory_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
-    """Return one row per knot of the profiles, or per step of the limits, over the time of the knot.
-
-    Raises
-    ------
-    ValueError
-        For bytes that are not a trajectory.
-    """
+    """Return one row per knot of the profiles, or per step of the limits, over the time of the knot."""
     import pandas as pd
 
     tables = [_knots(BY_NAME[topic], decode_trajectory(payload)) for payload in payloads]
@@ -99,13 +93,7 @@ def _knots(topic: Topic, trajectory: Trajectory) -> pd.DataFrame:
 
 
 def states_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
-    """Return one row per message with states and counters, over its stamp and in the order of it.
-
-    Raises
-    ------
-    ValueError
-        For bytes that have no such states.
-    """
+    """Return one row per message with states and counters, over its stamp and in the order of it."""
     import pandas as pd
 
     entry, messages = BY_NAME[topic], sorted(map(STATES[topic].decode, payloads), key=attrgetter("stamp"))
@@ -122,11 +110,6 @@ def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:
     """Return one row per message: ``node``, ``level``, ``message`` and a column per key.
 
     A key with only numbers is a column of numbers, with NaN for missing values; else a column of texts.
-
-    Raises
-    ------
-    ValueError
-        For bytes that are not diagnostics.
     """
     table = diagnostic_texts(map(decode_diagnostic, payloads))
     return table.assign(**{key: numbers_or_texts(table[key].tolist()) for key in table.columns[len(FIXED) :]})

@@ -182,13 +182,7 @@ class ReplayLog:
                 yield place
 
     def messages(self, topics: Collection[str], from_ns: int) -> Iterator[mcap_records.RawMessage]:
-        """Read the messages of the topics from a publish time on, in the order of the log.
-
-        Raises
-        ------
-        ValueError
-            If a part of the log is damaged.
-        """
+        """Read the messages of the topics from a publish time on, in the order of the log."""
         for message in self._from(topics, from_ns):
             if message.channel.topic in topics and message.publish_ns >= from_ns:
                 yield message
