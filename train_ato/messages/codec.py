@@ -316,6 +316,8 @@ class Wire:
     ----------
     records, encoders : dict
         Records of the topics with messages of fixed length, and function behind :meth:`encode`, by topic.
+    known : dict
+        Last bytes and their message, by topic of fixed length: of :meth:`decode_shared`, or sent in this process.
     """
 
     def __init__(self, layout: TrainLayout) -> None:
@@ -323,7 +325,7 @@ class Wire:
         self.encoders: dict[str, Callable[[Any], bytes]] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self.records: dict[str, TopicRecord] = {}
-        self._decoded: dict[str, tuple[bytes, Any]] = {}
+        self.known: dict[str, tuple[bytes, Any]] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
                 self.encoders[topic.name], decode = VARIABLE[topic.message]
@@ -364,14 +366,14 @@ class Wire:
     def decode_shared(self, topic: str, data: bytes) -> Any:
         """Return the message of the bytes for readers that do not change it; errors as :meth:`decode`.
 
-        Consecutive calls with equal bytes return one message, as the stages of the engine share it: three nodes read
-        every measurement.  One of variable length is not kept: the profile of a day has 100 MB.
+        Equal bytes give the last message that was decoded or sent in this process, as the stages of the engine share
+        it: three nodes read every measurement.  One of variable length is not kept: the profile of a day has 100 MB.
         """
         if topic not in self.records:
             return self._decoders[topic](data)
-        last = self._decoded.get(topic)
+        last = self.known.get(topic)
         if last is not None and last[0] == data:
             return last[1]
         message = self._decoders[topic](data)
-        self._decoded[topic] = data, message
+        self.known[topic] = data, message
         return message

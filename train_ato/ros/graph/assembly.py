@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +21,7 @@ from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from plant_sim.data_text import parse_yaml
 from plant_sim.formats.fields import print_assumption
@@ -63,10 +64,17 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
         self._watch = watch
         self._refused = 0
 
+    def spin_for(self, seconds: float) -> None:
+        """Run the callbacks of a time [s], without a return to Python after each; errors as in :meth:`spin_once`."""
+        self._guard(super().spin_until_future_complete, Future(), seconds)
+
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Run the due callbacks; an error of rclpy drops the request and does not end the run."""
+        self._guard(super().spin_once, timeout_sec)
+
+    def _guard(self, spin: Callable[..., None], *arguments: Any) -> None:
         try:
-            super().spin_once(timeout_sec)
+            spin(*arguments)
         except Exception as error:
             if not of_own_code(error):
                 self._refused += 1

@@ -24,8 +24,10 @@ from train_ato.ros.nodes.outside_plant import OutsidePlant
 from train_ato.ros.standalone.notices import READY
 from train_ato.scenario.setup import RunSetup
 
-RECORD_EVERY = 300
-"""Callbacks after which the recorder empties its queues of 1000 messages; a tick has seven, and at least one."""
+RECORD_EVERY = 8
+"""Ticks after which the recorder empties its queues of 1000 messages; a new message is sought in all of its queue."""
+_SLICE_S = 0.003
+"""Wall time of the callbacks between two looks at the ticks [s]."""
 START_LIMIT_S = 30.0
 """Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
@@ -183,12 +185,12 @@ class _Composed:
         return False
 
     def _drive(self, report: Report | None) -> None:
-        plant, watch, spin_once = self._plant, self._watch, self._executor.spin_once
-        look, turns = time.monotonic() + TURN_S, 0
+        plant, watch = self._plant, self._watch
+        look, recorded = time.monotonic() + TURN_S, 0
         while not plant.finished and watch.failure is None:
-            spin_once(timeout_sec=TURN_S)
-            turns += 1
-            if turns % RECORD_EVERY == 0:
+            self._executor.spin_for(_SLICE_S)
+            if plant.tick >= recorded + RECORD_EVERY:
+                recorded = plant.tick
                 self._record()
             now = time.monotonic()
             if now >= look:

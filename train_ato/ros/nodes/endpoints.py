@@ -238,12 +238,15 @@ class NodeEndpoints:
             For a value that is not finite or a wrong number of values.
         """
         encoders, senders, ticking = self.wire.encoders, self._senders, self._ticking
+        known, fixed = self.wire.known, self.wire.records
         for topic, message in messages:
             if self._planned_end is not None and message.stamp >= self._planned_end[0]:
                 os.kill(os.getpid(), self._planned_end[1])
             if self.joining:
                 return
             data = encoders[topic](message)
+            if topic in fixed:
+                known[topic] = data, message
             if self.external is not None and topic in ticking and message.stamp == 0:
                 self._first_sent[topic] = data, self.readers(topic)
             senders[topic](data)
