@@ -12,8 +12,6 @@ electrification section is a section with a system of electric power. A path wit
 three places: outside of them, in an insulated section, and in a section without a contact line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

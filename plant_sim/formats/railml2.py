@@ -6,8 +6,6 @@ speed before ``vMax="end"`` is a temporary restriction. A track with switches be
 ``ID/2``. Tracks at one macroscopic node are all joined there. The element names are those of the schema.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from itertools import combinations, pairwise, product

@@ -6,8 +6,6 @@ A gradient curve of the type arc has a change of gradient instead of a gradient,
 transition has no radius. Their gradient and curvature are linear between the values of the neighbours at both ends.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise

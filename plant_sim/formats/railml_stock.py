@@ -7,8 +7,6 @@ sum of the vehicles is used: ``rollingResistance`` in N/kN and half of density t
 power. Equal brakes of the powered vehicles give the mean deceleration of the formation, also on a fall of 50 per mille.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 A line is one net element. A train is a formation, and its service brake is the deceleration of the formation.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

@@ -5,8 +5,6 @@ averaged over :data:`WINDOW` and give a grade for every :data:`STRETCH`. A track
 are too coarse for curves. Waypoints and points with a name beside the track are stops.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

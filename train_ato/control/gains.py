@@ -6,21 +6,17 @@ of the parameters, which are those of the paper.  A law without a paper, such as
 then its default.  A parameter that is given has its given value under every choice.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from plant_sim.units import number_text
 from train_ato.control.contract import choice, parameters_of
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 FITTED, MODEL, PRINTED = "fitted", "model", "printed"
 GIVEN = "given"

@@ -4,13 +4,11 @@ An input that is not finite or physically impossible is not used: the last deman
 with the next valid input.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +16,9 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import mean_over_units
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array, Measurement
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 MAX_DELAY = 100.0
 """Largest valid delay of a command [s]."""

@@ -8,17 +8,16 @@ with the contract of :class:`train_ato.control.contract.Law`.
 Without the compiler (``NUMBA_DISABLE_JIT=1``) the same functions are plain Python, with the same bits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from numba import carray, typeof
 
 from plant_sim.compiled import compiled, direct_call
 from plant_sim.railway import fading_resistance
 from plant_sim.record import dtype_of, fill, quantity, zeros
+from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.guard import (
     GuardedLaw,
@@ -30,6 +29,7 @@ from train_ato.control.guard import (
     limit_demands,
     write_inputs,
 )
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_POSITION
 
@@ -37,10 +37,6 @@ __all__ = [
     "INVALID", "NOT_FINITE", "STEPPED", "LawForm", "LawNow", "LawUnit", "RecordLaw", "TrainConstants",
     "train_resistance",
 ]  # fmt: skip
-
-if TYPE_CHECKING:
-    from train_ato.control.algorithms.couplers import UnitCouplers
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

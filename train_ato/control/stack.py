@@ -1,12 +1,10 @@
 """Control stack: compensation, law, guards, change of the law without a jump of the force, brake policy."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,21 +12,18 @@ from plant_sim.elementary import dot_of, total_of_units
 from plant_sim.record import zeros
 from train_ato.control import component_fault as fault
 from train_ato.control import takeover
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.command_hold import CommandHold, command_at_standstill, profile_at_standstill
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.contract import Law, LawInput, LawOutput, ProfileLike
+from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
 from train_ato.control.guard import LawUnit, all_within, is_valid, is_valid_state, limit_commands
 from train_ato.control.law import RecordLaw
 from train_ato.control.plan_text import TimedPlan, plan_to_text
-from train_ato.control.train_model import stands
+from train_ato.control.train_model import TrainModel, stands
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.force_distribution import ForceDistribution, PlannedDisplacement
-    from train_ato.control.train_model import TrainModel
 
 
 class ControlStack:

@@ -14,17 +14,14 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.compiled import also_compiled, compiled
+from plant_sim.line import Line
 from plant_sim.units import number_text
 from train_ato.messages.types import Array, Trajectory
-
-if TYPE_CHECKING:
-    from plant_sim.line import Line
 
 STEP_ACCELERATION = 20.0
 """Mean acceleration between two knots above which the change of speed is a step [m/s²]."""

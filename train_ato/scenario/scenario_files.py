@@ -3,8 +3,6 @@
 A shell completes names with this module, so it imports neither the models of a scenario nor the compiler.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path

@@ -4,13 +4,11 @@ The function has the form ``policy(p, state, rows, now)`` and returns the reduct
 the rules, ``state`` what the policy keeps, ``rows`` its events, applications or segments, ``now`` the measurement.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from struct import Struct
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import carray
@@ -20,11 +18,8 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import numpy_total
 from plant_sim.railway import envelope_force
 from plant_sim.record import dtype_of, fill, quantity, zeros
-from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED
+from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass

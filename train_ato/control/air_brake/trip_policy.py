@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -23,9 +23,7 @@ from plant_sim.record import Records, quantity
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Reduction, Speed, Time, Usual
 from train_ato.control.air_brake.record_policy import BrakeNow, BrakePolicy, PolicyForm, departs, lasts, used_share
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 class PlannedApplication(SiModel):

@@ -1,19 +1,13 @@
 """Exact motion over a short time of driven vehicles coupled by linear springs."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plant_sim.elementary import matrix_product
 from plant_sim.gears import LinearGear
 from train_ato.control.algorithms.coupler_modes import chain
 from train_ato.control.contract import RefusedParameter
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 def matrix_exponential(matrix: Array) -> Array:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,10 +24,8 @@ from train_ato.control.algorithms.train_constants import (
     mean_stiffness,
     train_class,
 )
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 MAX_MODES = 4
 """Largest number of modes."""

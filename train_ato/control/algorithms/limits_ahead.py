@@ -10,25 +10,20 @@ Force limits of line sections in the plan of a predictive law: limits at its nod
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import plain_sum
+from plant_sim.line import Line
 from plant_sim.railway import adhesion_by_speed, envelope_force
 from plant_sim.section_effects import Row, SectionZones, largest_power, limited_segments
 from train_ato.control.guard import within_limits
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_SPEED
 from train_ato.supervision.track_supervision import limits_under_train
-
-if TYPE_CHECKING:
-    from plant_sim.line import Line
-    from train_ato.control.train_model import TrainModel
 
 
 @compiled

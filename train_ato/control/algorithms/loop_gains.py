@@ -48,7 +48,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +56,8 @@ from numpy.typing import NDArray
 from plant_sim.elementary import cos_each
 from train_ato.control.algorithms.coupler_modes import TrainModes
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, dead_time, wave_gain
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 JUDGED_ERROR = 0.35
 """Error [m] at which a gain that depends on it is judged; with equal gains that of `fixed_time_smc` is least there."""

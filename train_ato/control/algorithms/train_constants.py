@@ -1,20 +1,16 @@
 """Class and constants of a train for a predictive law: pole of the loop, time of a wave, drag, tables of limits."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_sum
 from plant_sim.gears import LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.units import number_text
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 SPEED_STEP = 0.05
 """Spacing of the tables of force limits [m/s]."""

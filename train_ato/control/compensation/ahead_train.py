@@ -24,12 +24,9 @@ The force at the stroke, that of the closed gear, stays. A negative wear is a st
 slack than the model has.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from operator import add
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,14 +36,11 @@ from plant_sim.gears import DraftGear, LinearGear, RigidGear, TableGear
 from plant_sim.packing import pack_gears
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.train import Train
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.algorithms.train_identification import WEAR
 from train_ato.control.compensation.preview import PreviewParameters
-from train_ato.control.contract import flag, parameter
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.contract import ProfileLike
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.contract import ProfileLike, flag, parameter
+from train_ato.control.train_model import TrainModel
 
 
 def nominal_copy(model: TrainModel, profile: ProfileLike, t: float, period: float, step: float) -> Train:

@@ -1,10 +1,8 @@
 """Base of the delay compensations: profile, air-brake forecast, and the input of the law made from them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,11 +13,8 @@ from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.rigid import RigidForce, demand_ahead
 from train_ato.control.contract import NO_LOOKAHEAD, LawInput, Lookahead, Preview
-from train_ato.control.train_model import Actuator
+from train_ato.control.train_model import Actuator, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 NO_PREVIEW = Preview(np.zeros(0), np.zeros(0), np.zeros(0))
 """Preview of a law that uses none."""

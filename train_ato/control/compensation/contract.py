@@ -4,17 +4,13 @@ A command sent now takes effect a delay later. The compensation chooses the stat
 that the law receives, so that every law runs with every compensation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from plant_sim.states import frozen_message
+from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.contract import LawInput
 from train_ato.messages.types import Array, Measurement, Reference
-
-if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import RigidForce
 
 
 @frozen_message

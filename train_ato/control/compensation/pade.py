@@ -19,9 +19,7 @@ Needs: a law that uses the feed-forward (`pid`, `rbf_switching_smc`, `smc` with 
 are rejected, because the compensation has no effect on them. Delay and lag of the model.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,11 +28,8 @@ from plant_sim.record import Records
 from train_ato.control.compensation.base import AlongProfile, CompensationBase
 from train_ato.control.compensation.rigid import demand_ahead
 from train_ato.control.contract import NoParameters
-from train_ato.control.train_model import Actuator
+from train_ato.control.train_model import Actuator, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 @compiled

@@ -19,12 +19,10 @@ linear draft gears without slack; ``delay: estimated`` needs a delay of the mode
 improve the control of a long train: see `twin` and `train_predictor`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -36,15 +34,11 @@ from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.compensation.base import UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters, mean_delay
+from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.contract import LawInput, RefusedParameter, choice, flag, parameter
 from train_ato.control.law import LawNow, LawUnit, TrainConstants, train_resistance
-from train_ato.control.train_model import Actuator, newest_arrived
+from train_ato.control.train_model import Actuator, TrainModel, newest_arrived
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import RigidForce
-    from train_ato.control.train_model import TrainModel
-
 
 MEMORY_TIME = 60.0
 """Time constant of the error sums of the candidates [s]."""

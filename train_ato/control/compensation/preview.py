@@ -16,21 +16,16 @@ Needs: any law, any train; delay and lag of the model. Laws with an equivalent c
 use only the reference ahead.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records
 from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, flag, parameter
-from train_ato.control.train_model import Actuator
+from train_ato.control.train_model import Actuator, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

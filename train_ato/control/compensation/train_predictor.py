@@ -15,27 +15,23 @@ daqin_heavy_haul `smc` has an RMSE of .009 km/h nominally and .15 with moderate 
 Needs: consist and line of the model, since all vehicles are simulated; any law (`gpc` with ``delay: none``).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from plant_sim.elementary import total_of_units
 from plant_sim.train import Train
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.air_brake.shoes import ShoeForces
 from train_ato.control.compensation.ahead_train import nominal_copy
 from train_ato.control.compensation.base import CompensationBase, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewParameters
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

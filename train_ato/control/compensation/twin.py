@@ -28,24 +28,20 @@ Needs: consist and line of the model, because all vehicles are simulated. A law 
 effect on them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from plant_sim.elementary import mean_over_units, plain_dot, total_of_units
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
 from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.preview import PreviewFeedforward, mean_delay
 from train_ato.control.contract import LawInput, Lookahead
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.train_model import TrainModel
 
 CORRECTION_TIME = 1.0
 """Time from one correction of the model of the twin to the next [s]."""

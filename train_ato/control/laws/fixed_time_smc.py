@@ -40,10 +40,8 @@ missing couplers. An observer for d_hat (`cascaded`, `eso`). Compensations that 
 With ``equivalent: feedforward`` any train.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -59,9 +57,7 @@ from train_ato.control.gains import gains_choice
 from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
 from train_ato.control.observers.cascaded import Cascade, CascadedParameters
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 LARGE, SMALL = 5.0 / 3.0, 5.0 / 7.0
 """Exponents m1 = g2 and m2 = p2."""

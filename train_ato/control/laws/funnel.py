@@ -48,11 +48,9 @@ resistance and line. The delay state replaces a predictor (with one, set ``delay
 give only a feed-forward are rejected unless ``feedforward: true``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow
@@ -63,10 +61,8 @@ from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import is_valid
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 P1, A1, A2, BETA1, PRINTED_BETA2 = 1.05, 0.0035, 0.0034, 6e-4, 3e-7
 """Constants of the funnels (7), (8): 1, 1/s, 1/s, m/s, m/s²; values of paper 003."""

@@ -46,12 +46,10 @@ feed-forward are rejected unless ``feedforward: true``. The law suits trains tha
 horizon of 20 s, one command over it, and the known force, as with the gains of the model.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from operator import add, sub
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -68,10 +66,8 @@ from train_ato.control.algorithms.quadratic_program import cholesky, solve_facto
 from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.guard import GuardedLaw, is_valid
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 MIN_LEARNING_SPEED = 0.1
 """Speed up to which nothing is learnt, because friction holds the train [m/s]."""

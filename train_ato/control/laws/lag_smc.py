@@ -28,11 +28,9 @@ chain`` for units coupled by springs). Without the coupler forces beside the uni
 train (``command: common``). It uses no feed-forward. Compensations that give only a feed-forward are rejected.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
@@ -41,9 +39,7 @@ from train_ato.control.algorithms.loop_gains import Complex, LoopGains, Response
 from train_ato.control.contract import choice, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants, train_resistance
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 MAX_REACHING = 100.0
 """Largest linear reaching gain [1/s]."""

@@ -31,12 +31,10 @@ Needs: any train; delay, lag and envelopes of the model, the measured force, and
 over the delay and has its own feed-forward: use compensation `none` or `preview`, with hauled vehicles `twin`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,12 +54,8 @@ from train_ato.control.mpc.predictive_plan import PlanStart, RelativeMotion, fre
 from train_ato.control.mpc.standstill_force import StandstillForce
 from train_ato.control.mpc.unit_deviations import UnitDeviations
 from train_ato.control.observers.force_balance import lag_weight
-from train_ato.control.train_model import Actuator
+from train_ato.control.train_model import Actuator, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
-
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""

@@ -34,12 +34,10 @@ needs no coupler sensor. ``feedforward: false`` is rejected with compensations t
 `twin`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from math import copysign
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import Records, quantity
@@ -48,10 +46,8 @@ from train_ato.control.algorithms.sliding import clamped
 from train_ato.control.contract import LawInput, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import INVALID, LawForm, LawNow, LawUnit, RecordLaw
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

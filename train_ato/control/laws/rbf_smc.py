@@ -29,11 +29,9 @@ is a third of the critical value.
 Needs: the same as `smc`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
@@ -42,10 +40,8 @@ from train_ato.control.algorithms.sliding import RBF_CENTERS, clamped
 from train_ato.control.contract import flag, parameter
 from train_ato.control.law import LawForm, LawNow, LawUnit
 from train_ato.control.laws.smc import Smc, SmcConstants, SmcParameters, SmcUnit, equivalent, integral_surface, reaching
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

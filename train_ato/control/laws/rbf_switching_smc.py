@@ -42,11 +42,9 @@ Needs: any train; the feed-forward of a compensation (`preview`, `pade`, `twin` 
 for ``derivatives: measured``), inertia and shares. It needs no coupler sensor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -60,10 +58,8 @@ from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw, TrainConstants
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 CENTRES = len(RBF_CENTERS)
 """Number of centres of both networks."""

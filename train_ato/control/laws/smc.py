@@ -38,11 +38,9 @@ linear spring without slack between two units. The error message names the missi
 only a feed-forward are rejected. With ``equivalent: feedforward`` any train without sensors.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
@@ -53,9 +51,7 @@ from train_ato.control.algorithms.sliding import clamped, saturation, sig
 from train_ato.control.contract import RefusedParameter, choice, flag, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.law import LawForm, LawNow, LawUnit, RecordLaw
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

@@ -2,20 +2,14 @@
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.train_model import newest_arrived
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
-    from train_ato.messages.types import Array
+from train_ato.control.train_model import TrainModel, newest_arrived
+from train_ato.messages.types import Array
 
 FACTORS = tuple(0.1 * tenths for tenths in range(4, 21))
 """Candidates for the factor on the delays."""

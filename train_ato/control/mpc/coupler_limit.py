@@ -11,19 +11,12 @@ empty, because the grade alone exceeds L, the range is the force between the two
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.railway import DRY_FRICTION_SPEED, between_entries, running_resistance
-from train_ato.control.train_model import GRID
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
-    from train_ato.messages.types import Array
+from train_ato.control.train_model import GRID, TrainModel
+from train_ato.messages.types import Array
 
 MIN_PART = 1e-3
 """Smallest |s_j - mu_j| for which the total force changes the force of a coupler."""

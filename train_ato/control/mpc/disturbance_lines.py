@@ -6,27 +6,20 @@ weight that rises in ``RISE_TIME``. Without a line nothing changes.
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_cos, libm_sin, matrix_product
+from plant_sim.record import Records
+from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.quadratic_program import inverse
-from train_ato.control.train_model import STANDSTILL_SPEED
-
-if TYPE_CHECKING:
-    from plant_sim.record import Records
-    from train_ato.control.algorithms.coupled_units import CoupledUnits
-    from train_ato.control.contract import LawInput
-    from train_ato.control.train_model import Actuator, TrainModel
-    from train_ato.messages.types import Array
-
+from train_ato.control.contract import LawInput
+from train_ato.control.train_model import STANDSTILL_SPEED, Actuator, TrainModel
+from train_ato.messages.types import Array
 
 LOWEST, HIGHEST, SPACING = 0.4, 5.0, 0.1
 """Grid of the frequencies [rad/s]."""

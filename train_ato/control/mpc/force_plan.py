@@ -1,10 +1,7 @@
 """Plan of the total force: limits at nodes, quadratic programme, last plan; `msgs_docs/mpc_derivation.md`."""
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,17 +12,13 @@ from plant_sim.record import records_of
 from train_ato.control.algorithms.limits_ahead import limits_at_nodes, limits_force
 from train_ato.control.algorithms.quadratic_program import inverse
 from train_ato.control.algorithms.train_constants import MATCHED_SHARE, drag_slope, force_tables, wave_gain
-from train_ato.control.contract import LawPlan
+from train_ato.control.contract import LawPlan, Lookahead
 from train_ato.control.mpc import predictive_plan
 from train_ato.control.mpc.coupler_limit import CouplerLimit
 from train_ato.control.plan_text import PASSES
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
-
-if TYPE_CHECKING:
-    from train_ato.control.contract import Lookahead
-    from train_ato.control.train_model import TrainModel
-
 
 SOFT_FORCE = 1e-6
 """Softness of force and jerk limits, over the diagonal of the dual matrix."""

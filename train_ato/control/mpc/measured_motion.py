@@ -6,12 +6,9 @@ observer of a train with hauled vehicles.
 """
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +22,7 @@ from train_ato.control.algorithms.train_constants import (
     train_class,
     wave_time,
 )  # fmt: skip
+from train_ato.control.contract import LawInput
 from train_ato.control.mpc.motion_observer import (
     DISTURBANCE_PRIOR,
     SPEED_PRIOR,
@@ -35,13 +33,8 @@ from train_ato.control.mpc.motion_observer import (
     mix,
     weigh,
 )
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.contract import LawInput
-    from train_ato.control.train_model import TrainModel
-
 
 WAVE_SPEED = 0.05
 """Standard deviation of the speed of the units by the modes [m/s]."""

@@ -4,8 +4,6 @@ The free motion follows from the measured forces and the commands in flight, uni
 adds the decision of :mod:`train_ato.control.mpc.force_plan`.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple, get_type_hints
 

@@ -1,17 +1,11 @@
 """Range of the force of a train that stops or departs; rules: `msgs_docs/mpc_derivation.md`."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from plant_sim.elementary import plain_sum
 from train_ato.control.algorithms.train_constants import train_class
-from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED
-
-if TYPE_CHECKING:
-    from train_ato.control.mpc.predictive_plan import RelativeMotion
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.mpc.predictive_plan import RelativeMotion
+from train_ato.control.train_model import RELEASE_FORCE, STANDSTILL_SPEED, TrainModel
 
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""

@@ -2,26 +2,19 @@
 
 # mypy: allow-untyped-defs
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import matrix_product, plain_dot, plain_sum
+from plant_sim.record import Records
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.quadratic_program import inverse
+from train_ato.control.contract import LawInput
 from train_ato.control.mpc.disturbance_lines import DisturbanceLines
-from train_ato.control.train_model import newest_arrived
+from train_ato.control.train_model import Actuator, TrainModel, newest_arrived
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from plant_sim.record import Records
-    from train_ato.control.contract import LawInput
-    from train_ato.control.train_model import Actuator, TrainModel
-
 
 MAX_STEPS = 50000
 """Largest number of steps of the difference equation."""

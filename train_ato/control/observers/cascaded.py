@@ -16,11 +16,9 @@ forces are available, otherwise that of the train. The loop must be fast. With p
 noise on the position, d1' is noise.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
@@ -29,9 +27,7 @@ from train_ato.control.algorithms.sliding import clamped, saturation
 from train_ato.control.contract import choice, flag, parameter
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance
 from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from plant_sim.elementary import total_of_units
 from plant_sim.states import frozen_message
+from train_ato.control.air_brake.record_policy import BrakePolicy
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.guard import is_valid_state
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.record_policy import BrakePolicy
-    from train_ato.control.train_model import TrainModel
 
 
 @frozen_message

@@ -16,10 +16,8 @@ estimate is the force m d.
 Needs: the same as `ndo`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import quantity
@@ -27,9 +25,7 @@ from train_ato.control.algorithms.luenberger import Tracked, luenberger_gains, u
 from train_ato.control.contract import parameter
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, scope
 from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

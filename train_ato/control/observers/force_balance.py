@@ -1,10 +1,8 @@
 """Force balance of an observer: of every unit's own vehicle, or of the whole train."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import plain_sum
@@ -15,10 +13,8 @@ from train_ato.control.contract import RefusedParameter, choice
 from train_ato.control.guard import all_within
 from train_ato.control.law import LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.validity import MAX_POSITION
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 def scope() -> Any:

@@ -31,20 +31,16 @@ Needs: measured speed and force. ``scope: vehicle`` also needs the force of ever
 error message names the missing couplers. ``auto`` then uses the whole train.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from plant_sim.compiled import compiled
 from plant_sim.record import quantity
 from train_ato.control.contract import parameter
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, scope
 from train_ato.control.observers.record_observer import Body, ObserverForm, RecordObserver
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)

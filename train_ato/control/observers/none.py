@@ -5,18 +5,14 @@ For laws with integral action, and as the reference for the benefit of an observ
 Needs: nothing.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from train_ato.control.contract import NoParameters
 from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 class NoObserver:

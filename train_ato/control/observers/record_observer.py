@@ -6,11 +6,9 @@ the body, with the balance of the last sample. ``driven`` is the mean driving ac
 ``resistance`` is the present resistance. :class:`ObserverForm` adds the balance of forces, the guard and the limits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import copysign, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numba import carray
@@ -21,11 +19,9 @@ from train_ato.control.guard import all_within
 from train_ato.control.law import INVALID, NOT_FINITE, STEPPED, LawNow, LawUnit
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceConstants, ForceBalance, balanced
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
-
-if TYPE_CHECKING:
-    from train_ato.control.train_model import TrainModel
 
 
 def is_valid_observer_input(inputs: ObserverInput) -> bool:
