@@ -64,8 +64,7 @@ class Alignment:
     def __init__(self, line: Line) -> None:
         track = Track(line)
         self._begin, self._end = line.begin, line.end
-        self._grade = _Pieces(track.breaks, track.grade)
-        self._height_begin = float(self._grade.integral(np.array([line.begin]))[0])
+        self._track = track
         self._coordinates = line.coordinates
         self._plan = _Polyline(line.coordinates) if line.coordinates else _Arcs(line)
 
@@ -73,8 +72,9 @@ class Alignment:
         """Return position and direction at places along the line [m], shape (k,)."""
         place = np.asarray(place, dtype=np.float64)
         x, y, heading = self._plan.at(place)
-        z = self._grade.integral(place) - self._height_begin
-        return TrackPose(x, y, z, heading, np.arctan(self._grade.at(place)))
+        z = self._track.elevation(place) - self._track.elevation(np.array([self._begin]))
+        grade = self._track.grade[np.searchsorted(self._track.breaks, place, side="right")]
+        return TrackPose(x, y, z, heading, np.arctan(grade))
 
     def coordinates(self, place: Array) -> tuple[Array, Array] | None:
         """Return latitude and longitude [deg] at places [m], shape (k,) each; None for a line without coordinates."""
@@ -86,29 +86,12 @@ class Alignment:
 
     def drawn_places(self) -> Array:
         """Return places for a drawing of the line [m]: every change, and points in between as the heading changes."""
-        edges = np.unique(np.concatenate((self._grade.breaks, self._plan.breaks, [self._begin, self._end])))
+        edges = np.unique(np.concatenate((self._track.breaks, self._plan.breaks, [self._begin, self._end])))
         edges = edges[(edges >= self._begin) & (edges <= self._end)]
         turns = np.abs(self._plan.curvature_at((edges[:-1] + edges[1:]) / 2)) * np.diff(edges)
         counts = 1 + np.ceil(np.maximum(turns / MAX_TURN, np.diff(edges) / MAX_STEP)).astype(int)
         pieces = [np.linspace(a, b, count) for a, b, count in zip(edges, edges[1:], counts, strict=False)]
         return np.unique(np.concatenate(pieces))
-
-
-class _Pieces:
-    """Piecewise constant value over the distance."""
-
-    def __init__(self, breaks: Array, values: Array) -> None:
-        self.breaks, self.values = breaks, values
-        self._sums = np.concatenate(([0.0], np.cumsum(values[1:-1] * np.diff(breaks))))
-
-    def at(self, place: Array) -> Array:
-        return np.asarray(self.values[np.searchsorted(self.breaks, place, side="right")])
-
-    def integral(self, place: Array) -> Array:
-        """Return the integral from the first break to some places."""
-        piece = np.searchsorted(self.breaks, place, side="right")
-        begin = np.maximum(piece - 1, 0)
-        return np.asarray(self._sums[begin] + self.values[piece] * (place - self.breaks[begin]))
 
 
 class _Arcs:
@@ -120,7 +103,7 @@ class _Arcs:
         curvature = np.zeros(len(middles))
         for curve, sign in _sides(line.curves):
             curvature[(middles > curve.begin) & (middles < curve.end)] += sign / curve.radius
-        self._curvature = _Pieces(self.breaks, curvature)
+        self._curvature = curvature
         length = np.diff(self.breaks)
         turn = curvature[1:-1] * length
         self._heading: Array = np.concatenate(([0.0], np.cumsum(turn)))
@@ -134,13 +117,13 @@ class _Arcs:
         """Return x, y [m] and heading [rad] at some places."""
         begin = np.maximum(np.searchsorted(self.breaks, place, side="right") - 1, 0)
         length = place - self.breaks[begin]
-        turn = self._curvature.at(place) * length
+        turn = self.curvature_at(place) * length
         x, y = _chord(self._heading[begin], turn, length)
         return self._x[begin] + x, self._y[begin] + y, self._heading[begin] + turn
 
     def curvature_at(self, place: Array) -> Array:
         """Return the curvature at some places [1/m], > 0 left."""
-        return self._curvature.at(place)
+        return np.asarray(self._curvature[np.searchsorted(self.breaks, place, side="right")])
 
 
 class _Polyline:

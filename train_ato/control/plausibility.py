@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from plant_sim.compiled import compiled
-from plant_sim.record import Records, quantity, zeros
+from plant_sim.record import Records, fill, quantity, zeros
 from train_ato.messages.types import Measurement, SupervisedSpeeds
 from train_ato.supervision.odometry import speed_measurement_error
 from train_ato.supervision.settings import SupervisionSpec
@@ -61,9 +61,7 @@ class MeasurementCheck:
     def __init__(self, spec: SupervisionSpec, front_offset: float) -> None:
         self._confirmation = spec.confirmation
         self.constants = zeros(CheckConstants, 1)
-        values = spec.speed_difference, spec.position_difference, front_offset
-        for name, value in zip(self.constants.dtype.names, values, strict=True):
-            self.constants[name] = value
+        fill(self.constants, spec, front_offset=front_offset)
         self.since: int | None = None
 
     def step(self, measurement: Measurement, speeds: SupervisedSpeeds) -> str:

@@ -1,5 +1,6 @@
 """Values of the ticks of a span that do not depend on the state of the train: reference, feed-forward, shoe forces."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -91,18 +92,49 @@ class Forecast:
             forecast.feedforward = np.zeros((count, units))
             return forecast
         if shoes_used and not self._compensation.shoes.idle:
-            forecast.keep_shoes()
-            index, known = 0, self._compensation.shoes
-            while index < count:
-                known.demand(forecast.times[index], stack.pressure)
-                run = min(count - index, known.calls_to_restart())
-                known.skip(run - 1)
-                ticks, rows = slice(first + index, first + index + run), slice(index, index + run)
+            known = self._compensation.shoes
+            for rows in forecast.shoe_use.runs():
+                run, ticks = rows.stop - rows.start, slice(first + rows.start, first + rows.stop)
                 found = known.at_each(self._shoe_times[:, ticks].ravel(), self._shoe_speeds[:, ticks].ravel())
                 forecast.shoes[rows], totals[rows] = found[-run:], found[:run, 0]
-                index += run
         forecast.feedforward = self._compensation.feedforwards(self._times[part], totals)
         return forecast
+
+
+class SpanShoes:
+    """Use of a forecast of shoe forces in the ticks of one span; ticks that were not run can be taken back.
+
+    Parameters
+    ----------
+    owner
+        Compensation or observer with the forecast ``shoes``, in the state before the span.
+    times, pressure
+        Times of the ticks [s]; pressure of the brake pipe demanded in the span [Pa], None without an air brake.
+    """
+
+    def __init__(self, owner: Any, times: list[float], pressure: float | None) -> None:
+        self._owner, self._times, self._pressure = owner, times, pressure
+        self._kept: ShoeForecast | None = None
+
+    def runs(self) -> Iterator[slice]:
+        """Yield the ticks between two restarts of the forecast, which then has the state of the last of them."""
+        known: ShoeForecast = self._owner.shoes
+        self._kept, index = known.copy(), 0
+        while index < len(self._times):
+            known.demand(self._times[index], self._pressure)
+            run = min(len(self._times) - index, known.calls_to_restart())
+            known.skip(run - 1)
+            yield slice(index, index + run)
+            index += run
+
+    def take_back(self, done: int) -> None:
+        """Set the forecast to its state after the first ``done`` ticks."""
+        if self._kept is None:
+            self._owner.shoes.skip(done)
+        elif done < len(self._times):
+            self._owner.shoes = self._kept
+            for t in self._times[:done]:
+                self._kept.demand(t, self._pressure)
 
 
 class SpanForecast:
@@ -136,24 +168,12 @@ class SpanForecast:
     predicts: bool
 
     def __init__(self, compensation: CompensationBase | None, times: Array, pressure: float | None) -> None:
-        self._compensation, self._pressure = compensation, pressure
-        self.times: list[float] = times.tolist()
-        self._kept: ShoeForecast | None = None
-
-    def keep_shoes(self) -> None:
-        """Keep the state of the shoe forecast before the span."""
-        assert self._compensation is not None
-        self._kept = self._compensation.shoes.copy()
+        self._compensation, self.times = compensation, times.tolist()
+        self.shoe_use = SpanShoes(compensation, self.times, pressure)
 
     def take_back(self, done: int) -> None:
         """Set shoe forecast and twin to their states after the first ``done`` ticks."""
-        if self._compensation is None:
-            return
-        if self._kept is None:
-            self._compensation.shoes.skip(done)
-        elif done < len(self.times):
-            self._compensation.shoes = self._kept
-            for t in self.times[:done]:
-                self._kept.demand(t, self._pressure)
+        if self._compensation is not None:
+            self.shoe_use.take_back(done)
         if isinstance(self._compensation, Twin):
             self._compensation.rewind(done)

@@ -14,7 +14,6 @@ from plant_sim.air_brake import PipeEvents
 from plant_sim.compiled import direct_call
 from plant_sim.record import zeros
 from train_ato.control.air_brake.predictive_policy import PredictiveBrake
-from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.couplers import NO_COUPLERS
 from train_ato.control.caller import Caller, CallerStep
 from train_ato.control.compensation.none import NoCompensation
@@ -24,14 +23,13 @@ from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.law import LawNow, RecordLaw
 from train_ato.control.law_call import LEFT, OBSERVER, POLICY, LawCall, RecordStep, is_in_loop
-from train_ato.control.observers.contract import ObserverStack
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.observers.record_observer import RecordObserver
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import Actuator
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.loop import span_kernel as kernel
-from train_ato.loop.forecast import Forecast
+from train_ato.loop.forecast import Forecast, SpanShoes
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.python_law import PythonCall, PythonLaw, PythonStack
 from train_ato.loop.span_messages import SpanArrays, SpanMessages
@@ -137,57 +135,6 @@ def _inputs(stages: Stages) -> list[StageInputs]:
     """Return the receiving ends of all stages."""
     owners = (stages.plant, stages.profile, stages.observer, stages.controller, stages.supervisor)
     return [owner.inputs for owner in owners if owner is not None]
-
-
-class ObserverShoes:
-    """Forecast of the shoe forces of an observer for the ticks of one span; ticks that were not run are taken back.
-
-    Parameters
-    ----------
-    stack
-        Observer with its forecast, in the state before the span.
-    times
-        Times of the ticks [s].
-    pressure
-        Pressure of the brake pipe demanded in the span [Pa]; None without an air brake.
-    used
-        False for an observer without a balance of forces.
-
-    Attributes
-    ----------
-    slow : Array, shape (ticks, vehicles)
-        Forces at standstill [N]; without rows for released brakes.
-    """
-
-    def __init__(self, stack: ObserverStack, times: Array, pressure: float | None, *, used: bool) -> None:
-        self._stack, self._times, self._pressure = stack, times, pressure
-        self._used = used and stack.shoes.fitted
-        self._kept: ShoeForecast | None = None
-        self.slow: Array = np.zeros((0, 0))
-        if not self._used or stack.shoes.idle:
-            return
-        known, self._kept = stack.shoes, stack.shoes.copy()
-        rows, index = [], 0
-        while index < len(times):
-            known.demand(float(times[index]), pressure)
-            run = min(len(times) - index, known.calls_to_restart())
-            known.skip(run - 1)
-            rows.append(known.slow_forces_at(times[index : index + run]))
-            index += run
-        self.slow = np.ascontiguousarray(np.concatenate(rows))
-
-    def take_back(self, done: int, speed: float | None) -> None:
-        """Set the forecast to its state after the first ``done`` ticks, with the last measured speed [m/s]."""
-        if not self._used:
-            return
-        if speed is not None:
-            self._stack.speed = speed
-        if self._kept is None:
-            self._stack.shoes.skip(done)
-        elif done < len(self._times):
-            self._stack.shoes = self._kept
-            for t in self._times[:done].tolist():
-                self._kept.demand(t, self._pressure)
 
 
 LawStep = RecordStep | CallerStep | PythonCall
@@ -423,9 +370,13 @@ class Span:
         self.arrays.sent[0], self.arrays.at_limit[0] = stack.last, stack.saturated_steps
         self._inputs, self._now = law.units, zeros(LawNow, 1)
         self._policy: Any = stack.policy
-        times = np.array(self._forecast.times)
+        times, observer = self._forecast.times, spans.stages.observer.stack
         self._observes = isinstance(spans.observer, RecordObserver) and not getattr(law, "observes", False)
-        self._observer_shoes = ObserverShoes(spans.stages.observer.stack, times, stack.pressure, used=self._observes)
+        self._observes_shoes, self._slow = self._observes and observer.shoes.fitted, np.zeros((0, 0))
+        self._shoe_use = SpanShoes(observer, times, stack.pressure)
+        if self._observes_shoes and not observer.shoes.idle:
+            rows = [observer.shoes.slow_forces_at(np.array(times[part])) for part in self._shoe_use.runs()]
+            self._slow = np.ascontiguousarray(np.concatenate(rows))
         self.counts = zeros(kernel.SpanCounts, 1)
         self.counts[0] = (stack.ticks, stack.every, stack.saturated, 0, law.whole, 0, count, 0)
         if isinstance(law, PythonCall):
@@ -468,7 +419,10 @@ class Span:
             law.end_span(done)
             out.law_reports = law.reports
         self._forecast.take_back(done)
-        self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
+        if self._observes_shoes:
+            self._shoe_use.take_back(done)
+            if done:
+                self._spans.stages.observer.stack.speed = float(out.measured[done - 1, 1, 0])
         if done:
             self._store(done)
 
@@ -488,7 +442,7 @@ class Span:
 
     def _observing(self) -> tuple[Any, ...]:
         """Return the arrays of the observer."""
-        slow = self._observer_shoes.slow
+        slow = self._slow
         units = self._spans.stages.observer.stack.shoes.units
         shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
         *records, couplers = self._spans.observing if self._observes else _call_of_observer(None)

@@ -173,7 +173,16 @@ class FormerTrainAhead:
         return TrainAhead(self.stamp, self.position, self.speed, round(time * 1e9) if time == time else self.stamp)
 
 
-class Protection(IntEnum):
+class WordEnum(IntEnum):
+    """Numbers whose names are words."""
+
+    @property
+    def text(self) -> str:
+        """Name in words."""
+        return self.name.lower().replace("_", " ")
+
+
+class Protection(WordEnum):
     """Reaction of the train, by rising severity."""
 
     NONE = 0
@@ -182,17 +191,12 @@ class Protection(IntEnum):
     EMERGENCY_BRAKE = 3
 
     @property
-    def text(self) -> str:
-        """Reaction in words."""
-        return self.name.lower().replace("_", " ")
-
-    @property
     def active(self) -> tuple[bool, bool, bool]:
         """Traction cut off, service brake and emergency brake in effect."""
         return self >= Protection.COAST, self is Protection.SERVICE_BRAKE, self is Protection.EMERGENCY_BRAKE
 
 
-class AtoState(IntEnum):
+class AtoState(WordEnum):
     """State of the ATO: SUBSET-125, 6.3, without the states of its configuration."""
 
     NOT_AVAILABLE = 0
@@ -201,11 +205,6 @@ class AtoState(IntEnum):
     ENGAGED = 3
     DISENGAGING = 4
     FAILURE = 5
-
-    @property
-    def text(self) -> str:
-        """State in words."""
-        return self.name.lower().replace("_", " ")
 
 
 @frozen_message

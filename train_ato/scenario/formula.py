@@ -183,8 +183,6 @@ def robustness_dimension(formula: Formula) -> Exponents | None:
     return found.pop() if len(found) == 1 else None
 
 
-__all__ = ["parse_formula"]
-
 MAX_LENGTH, MAX_DEPTH = 2000, 50
 """Largest number of characters and of nested operators of a formula."""
 _WORDS = {

@@ -11,8 +11,6 @@ from plant_sim.library import split_name
 from train_ato.program.arguments import parse_yaml_value
 from train_ato.program.errors import InputError
 
-__all__ = ["RefusedScenario", "assign", "caused_by", "keys_of", "overlay", "put", "with_absolute_files"]
-
 FILE_KEYS = (
     ("profile", "file"), ("plant", "consist"), ("plant", "line"), ("model", "consist"), ("model", "line"),
     ("model", "learned"),

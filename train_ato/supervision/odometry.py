@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from plant_sim.compiled import also_compiled, compiled
 from plant_sim.odometry import OdometryReading, write_reading
@@ -99,16 +99,12 @@ def past_speeds() -> Any:
     return zeros(PastSpeed, MAX_SPEEDS)
 
 
-class Averaged(Protocol):
-    """Record of the part of :class:`PastSpeed` records that an average has."""
-
-    first: int
-    count: int
-
-
 @compiled
-def add_speed(own: Averaged, past: Records[PastSpeed], stamp: int, speed: float) -> PastSpeed:
-    """Add a speed [m/s] at a time [ns]; return the first one of the average, at most two or its time before."""
+def add_speed(own: Any, past: Records[PastSpeed], stamp: int, speed: float) -> PastSpeed:
+    """Add a speed [m/s] at a time [ns]; return the first one of the average, at most two or its time before.
+
+    ``own.first`` and ``own.count`` are the part of the records that the average has.
+    """
     if own.count == past.size:
         own.first, own.count = (own.first + 1) % past.size, own.count - 1
     newest = past[(own.first + own.count) % past.size]

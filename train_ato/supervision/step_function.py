@@ -65,13 +65,8 @@ class StepFunction:
     def combine(self, other: StepFunction, operation: Callable[[float, float], float]) -> StepFunction:
         """Return the step function of an operation on both values."""
         bounds = tuple(sorted({*self.bounds, *other.bounds}))
-        return StepFunction(
-            bounds,
-            (
-                *(operation(self.at(bound), other.at(bound)) for bound in bounds),
-                operation(self.values[-1], other.values[-1]),
-            ),
-        )
+        values = [operation(self.at(bound), other.at(bound)) for bound in bounds]
+        return StepFunction(bounds, (*values, operation(self.values[-1], other.values[-1])))
 
     def largest_up_to(self, place: float) -> float:
         """Return the largest value from the first one up to a place."""

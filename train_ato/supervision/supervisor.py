@@ -15,7 +15,7 @@ from plant_sim.compiled import compiled
 from plant_sim.odometry import OdometryReading, write_reading
 from plant_sim.record import Records, dtype_of, quantity, zeros
 from plant_sim.units import KMH
-from train_ato.messages.types import Odometry
+from train_ato.messages.types import Odometry, WordEnum
 from train_ato.supervision.odometry import (
     MotionEstimate,
     MotionRecord,
@@ -43,7 +43,7 @@ REPEAT_DISTANCE = 50.0
 NO_SPEEDS = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
 
 
-class SupervisionState(IntEnum):
+class SupervisionState(WordEnum):
     """State of the supervision, by rising severity: SUBSET-026, 4.7 (supervision status) and 3.13.10."""
 
     NORMAL = 0
@@ -52,11 +52,6 @@ class SupervisionState(IntEnum):
     WARNING = 3
     SERVICE_BRAKE = 4
     EMERGENCY_BRAKE = 5
-
-    @property
-    def text(self) -> str:
-        """State in words."""
-        return self.name.lower().replace("_", " ")
 
 
 class Reason(IntEnum):
