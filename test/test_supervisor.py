@@ -419,7 +419,7 @@ def test_the_reason_has_speed_place_and_limit(speed: float, reason: str, supervi
     """Breaks if the reason has another limit, or m/s; it stays while the state is the same."""
     first, second = at(supervisor, speed, speed + 0.01)
     assert (first.reason, second.reason) == (reason, reason)
-    assert first.motion is not None and first.motion.speed == speed
+    assert first.own.known and first.own.speed == speed
 
 
 def test_overspeed_and_warning_end_at_the_permitted_speed(supervisor: Supervisor) -> None:
@@ -479,8 +479,7 @@ def first_places(acceleration: float) -> tuple[float, float, list[SupervisionDec
         supervisor = new_supervisor()
         place = end - 1500.0 + 2.0 * index
         decision = steps(supervisor, [(place, speed - acceleration * 0.4 * late) for late in (3, 2, 1, 0)])[-1]
-        assert decision.motion is not None
-        assert decision.speeds == supervisor.track.evaluate(decision.motion.front, decision.motion.estimate)
+        assert decision.own.known and decision.speeds == supervisor.track.evaluate(decision.own.front, decision.motion)
         return decision
 
     indication, overspeed = (
@@ -513,7 +512,7 @@ def test_without_odometry_the_emergency_brake_acts_with_its_reason(supervisor: S
     at(supervisor, 10.0)
     decision = supervisor.step(None)
     assert (decision.state, decision.reason) == (State.EMERGENCY_BRAKE, "no valid odometry")
-    assert tuple(decision.speeds) == (0.0, 0.0, 0.0, 0.0) and decision.motion is None
+    assert tuple(decision.speeds) == (0.0, 0.0, 0.0, 0.0) and not decision.own.known
     assert supervisor.state["reason_limit"] == 0.0
 
 

@@ -14,7 +14,6 @@ from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
-from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import TickBlock
@@ -115,7 +114,7 @@ def run_engine(
     )
     loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)
     begin = next_report = time.perf_counter()
-    clock = RateLimit(rate, setup.tick)
+    clock_begin: float | None = None
     watch = FirstFailure(log_folder)
     try:
         loop.start()
@@ -124,7 +123,9 @@ def run_engine(
                 loop.advance()
             else:
                 stopped = loop.tick(on_tick)
-            clock.wait(loop.ticks)
+            if rate > 0.0:
+                clock_begin = time.monotonic() if clock_begin is None else clock_begin  # after the first tick
+                time.sleep(max(0.0, clock_begin + loop.ticks * setup.tick / rate - time.monotonic()))
             if progress is not None and (now := time.perf_counter()) >= next_report:
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
                 next_report = now + 0.1

@@ -5,36 +5,6 @@ import time
 _MAX_LAG_S = 0.2
 
 
-class RateLimit:
-    """Delays ticks so that simulation time is not ahead of the wall clock.
-
-    Parameters
-    ----------
-    factor
-        Simulated seconds per second of wall time; 0 never waits.
-    tick
-        Simulated seconds of one tick.
-    """
-
-    def __init__(self, factor: float, tick: float) -> None:
-        self._period = tick / factor if factor > 0 else 0.0
-        self._begin: float | None = None
-
-    def deadline(self, ticks: int) -> float:
-        """Return the steady-clock time of the end of ``ticks`` ticks [s]."""
-        if self._begin is None:
-            self._begin = time.monotonic()
-        return self._begin + ticks * self._period
-
-    def wait(self, ticks: int) -> None:
-        """Sleep until the end of ``ticks`` ticks; the clock starts at the first call."""
-        if self._period <= 0:
-            return
-        remaining = self.deadline(ticks) - time.monotonic()
-        if remaining > 0:
-            time.sleep(remaining)
-
-
 class SteadyRateLimit:
     """Calculates the wait before a tick for a loop that must not sleep; the factor may change during a run.
 

@@ -75,12 +75,8 @@ class SupervisorStage:
         values = {"brake_interventions": str(self.supervisor.interventions), **self.inputs.diagnostics()}
         if self.authority is not None:
             values |= self.authority.diagnostics(stamp)
-        if decision.motion is not None:
-            values |= {
-                "front": repr(decision.motion.front),
-                "position_error": repr(decision.motion.estimate.under_reading),
-                "acceleration": repr(decision.motion.estimate.acceleration),
-            }
+        if decision.own.known:
+            values |= {key: repr(getattr(decision.own, key)) for key in ("front", "position_error", "acceleration")}
         if decision.reason:
             values["reason"] = decision.reason
         level = int(decision.state > SupervisionState.INDICATION) + int(decision.state > SupervisionState.WARNING)

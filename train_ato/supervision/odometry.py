@@ -115,15 +115,6 @@ def add_speed(own: Any, past: Records[PastSpeed], stamp: int, speed: float) -> P
     return past[own.first]
 
 
-class TrainMotion(NamedTuple):
-    """Estimated front position [m] and speed [m/s], with the other inputs of the supervision limits."""
-
-    stamp: int
-    front: float
-    speed: float
-    estimate: MotionEstimate
-
-
 @dataclass
 class MotionRecord:
     """Estimated motion, and the speeds of its averaged acceleration."""

@@ -20,7 +20,6 @@ from train_ato.supervision.odometry import (
     MotionEstimate,
     MotionRecord,
     PastSpeed,
-    TrainMotion,
     estimate_motion,
     motion_of,
     past_speeds,
@@ -236,13 +235,10 @@ class SupervisionDecision:
         return SupervisionSpeeds(own.permitted, own.warning, own.service, own.emergency) if own.known else NO_SPEEDS
 
     @property
-    def motion(self) -> TrainMotion | None:
-        """Estimated motion; None without a valid odometry."""
+    def motion(self) -> MotionEstimate:
+        """Estimated motion, the last known one without a valid odometry."""
         own = self.own
-        if not own.known:
-            return None
-        estimate = MotionEstimate(own.acceleration, own.speed_error, own.position_error, own.position_error)
-        return TrainMotion(own.stamp, own.front, own.speed, estimate)
+        return MotionEstimate(own.acceleration, own.speed_error, own.position_error, own.position_error)
 
     @property
     def released(self) -> tuple[bool, bool, bool]:
@@ -302,6 +298,6 @@ class Supervisor:
         write_reading(self._reading, odometry)
         within = _supervise(self.constants, self.state, self.past, *self.track.records, self._reading)
         decision = SupervisionDecision(self.state[0])
-        if not within and decision.motion is not None:
-            self.track.indicates(decision.motion.front, decision.motion.speed, decision.motion.estimate)
+        if not within:
+            self.track.indicates(decision.own.front, decision.own.speed, decision.motion)
         return decision

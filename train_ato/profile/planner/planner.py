@@ -26,7 +26,7 @@ from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings, Stops, stops_of
 from train_ato.profile.planner.time_windows import TIME_TOLERANCE, predicted_time, spread_time_reserve
-from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
+from train_ato.profile.planner.train_tables import TrainTables
 
 MAX_ROUNDS = 5
 """Searches for the strategies, each with the windows, reserves and times of the previous plan."""
@@ -129,7 +129,6 @@ def plan_profile(
     settings: PlanSettings | None = None,
     period: float = 0.1,
     *,
-    available: AvailableForce | None = None,
     reduction: float | None = None,
     ceiling: tuple[Array, Array] | None = None,
 ) -> Plan:
@@ -143,8 +142,6 @@ def plan_profile(
         Stops, service limits, margin, timetable.
     period
         Time between the knots of the profile [s].
-    available
-        Available force; None: the nominal envelopes.
     reduction
         Deepest brake-pipe reduction that the plan may use [Pa]; None: that of the largest braking factor.
     ceiling : pair of arrays, optional
@@ -156,9 +153,7 @@ def plan_profile(
         If there is no solution; one line: place, reason; fix.
     """
     try:
-        inputs = SectionInputs.of_line(
-            line, consist, settings or PlanSettings(), available=available, reduction=reduction, ceiling=ceiling
-        )
+        inputs = SectionInputs.of_line(line, consist, settings or PlanSettings(), reduction=reduction, ceiling=ceiling)
         _note_speeds(inputs.settings.speed_max, line, inputs.train)
         return _planned(line, inputs, period)
     except ValueError as error:

@@ -29,22 +29,20 @@ MIN_RANGE = 20e3
 """Cycles below this range are omitted [N]: 2 % of the reference range, damage 3e-9."""
 
 
-def coupler_damage(force: Array, slope: float = SLOPE) -> Array:
+def coupler_damage(force: Array) -> Array:
     """Return the damage of every coupler, 1 per cycle with a range of 1 MN.
 
     Parameters
     ----------
     force : Array, shape (n, couplers)
         Coupler forces at increasing times [N].
-    slope
-        Slope k of the S-N curve.
 
     Returns
     -------
     Array, shape (couplers,)
         Sum over the cycles of count times (range / 1 MN)^k.
     """
-    return np.array([cycle_damage(coupler_cycles(column), slope) for column in force.T])
+    return np.array([cycle_damage(coupler_cycles(column)) for column in force.T])
 
 
 def coupler_cycles(force: Array) -> Array:
@@ -59,9 +57,9 @@ def coupler_cycles(force: Array) -> Array:
     return np.asarray(cycles[cycles[:, 0] >= MIN_RANGE])
 
 
-def cycle_damage(cycles: Array, slope: float = SLOPE) -> float:
+def cycle_damage(cycles: Array) -> float:
     """Return the damage of force cycles of :func:`coupler_cycles`, 1 per cycle with a range of 1 MN."""
-    return float(((cycles[:, 0] / REFERENCE_RANGE) ** slope * cycles[:, 1]).sum())
+    return float(((cycles[:, 0] / REFERENCE_RANGE) ** SLOPE * cycles[:, 1]).sum())
 
 
 def reversals(series: Array) -> Array:
