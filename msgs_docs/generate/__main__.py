@@ -103,13 +103,7 @@ def unmeasured(measured: Measured) -> list[str]:
 
 
 def chosen(names: list[str]) -> list[Component]:
-    """Return the components of the named pages; of all pages for an empty list.
-
-    Raises
-    ------
-    ValueError
-        If there is no such page.
-    """
+    """Return the components of the named pages; of all pages for an empty list."""
     known = {component.page: component for component in components()}
     for name in names:
         if name not in known:

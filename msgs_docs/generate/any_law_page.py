@@ -127,11 +127,6 @@ def measure(root: Path, scenarios: Sequence[str] = ()) -> None:
         Top folder of the repository.
     scenarios
         Scenarios to run, the rows of the others remain; default: every nominal one, and that of the freight train.
-
-    Raises
-    ------
-    ValueError
-        For a scenario that is not nominal.
     """
     path, names = root / MEASURED, shipped_names()
     for name in scenarios:

@@ -105,11 +105,6 @@ def source_line(place: str, root: Path) -> tuple[str, int]:
         ``module:qualified.name``, or ``folder/file:text``.
     root
         Top folder of the repository.
-
-    Raises
-    ------
-    ValueError
-        If the module, the name, the file or the text does not exist.
     """
     where, _, name = place.partition(":")
     if "/" in where:
@@ -182,13 +177,7 @@ def _faults(row: Equation, scenario: str, root: Path) -> Iterator[str]:
 
 
 def changes_run(setting: str, scenario: str) -> bool:
-    """Return True if an assignment differs from the default of the parameter, or from the scenario.
-
-    Raises
-    ------
-    ValueError
-        If the program does not accept it.
-    """
+    """Return True if an assignment differs from the default of the parameter, or from the scenario."""
     plain, changed = load_scenario(scenario)[0], load_scenario(scenario, (setting,))[0]
     block, *names = setting.partition("=")[0].split(".")
     if block not in REGISTRIES:

@@ -43,13 +43,7 @@ class ChoiceRun:
         return yaml.safe_dump([self.scenario, *self.sets, self.consist], default_flow_style=True, width=10_000).strip()
 
     def setup(self) -> RunSetup:
-        """Return the prepared run, with the printed gains of its law where the scenario gives none.
-
-        Raises
-        ------
-        ValueError
-            For a wrong scenario, assignment or key of the train.
-        """
+        """Return the prepared run, with the printed gains of its law where the scenario gives none."""
         scenario, path = load_scenario(self.scenario, self.sets)
         printed = {"laws": {scenario.law: {"gains": PRINTED}}} if has_gains(LAWS.get(scenario.law)) else {}
         scenario, path = load_scenario(self.scenario, self.sets, printed)

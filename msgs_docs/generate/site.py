@@ -181,11 +181,6 @@ def build(top: Path, target: Path, builder: str = "html") -> int:
         Folder of the site; a former one is replaced.
     builder
         Builder of Sphinx; ``linkcheck`` checks every external link of the pages and needs a network.
-
-    Raises
-    ------
-    ValueError
-        If the packages of the site are not installed.
     """
     from importlib.util import find_spec
 

@@ -77,10 +77,6 @@ class _Format:
     takes: tuple[str, ...] = ("selection",)
 
 
-def _own_line(data: dict[str, Any], place: str) -> tuple[Line, tuple[str, ...]]:
-    return build_model(Line, data, place), ()
-
-
 def _own_train(data: dict[str, Any], place: str, selection: str) -> tuple[Consist, tuple[str, ...]]:
     consist = build_model(Consist, data, place)
     return osrd_stock.with_supply(consist, selection, place) if selection else consist, ()
@@ -95,7 +91,8 @@ FORMATS = (
     _Format("GeoJSON", "line", survey.is_geojson, survey.geojson_line, survey.CARRIED),
     _Format("TTOBench", "line", lambda data: _has(data, stops=dict) and "speed limits" in data,
             ttobench.ttobench_line, ttobench.CARRIED_LINE, ()),
-    _Format("train_ato", "line", lambda data: _is_own(data, "line"), _own_line, (), ()),
+    _Format("train_ato", "line", lambda data: _is_own(data, "line"),
+            lambda data, place: (build_model(Line, data, place), ()), (), ()),
     _Format("railtoolkit", "train", lambda data: railtoolkit.is_railtoolkit(data, "train"),
             railtoolkit.train_from, railtoolkit.CARRIED_TRAIN),
     _Format("OSRD", "train", lambda data: _has(data, effort_curves=dict), osrd_stock.osrd_train, osrd_stock.CARRIED),

@@ -163,8 +163,6 @@ def _check_options(options: argparse.Namespace) -> None:
         check_new_file(path, (".csv", *SCENARIOS, *FIGURES))
         if path.suffix.lower() in SCENARIOS:
             check_new_file(path.with_suffix(".csv"), (".csv",))
-    if not 1e-3 <= options.period <= 10:
-        raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     if options.base is not None:
         if not any(path.suffix.lower() in SCENARIOS for path in options.out):
             raise ValueError("--base: belongs to a written scenario; add --out FILE.yaml, or remove it")
@@ -202,8 +200,6 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
         _check_journey(options)
     if options.time is not None and not options.no_bound:
         check_packages("plan --time (the lower bound, left out by --no-bound)", "scipy")
-    if not 1e-3 <= options.period <= 10:
-        raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     given = {"journey": options.journey, "period": options.period, "out": options.out, **_settings(options)}
     result = plan(options.line, options.consist, **given)
     settings = result.settings.model_dump(mode="json", exclude_none=True)
@@ -232,6 +228,8 @@ def _execute(options: argparse.Namespace) -> None:
 
     if options.base is not None and options.trip is None:
         raise ValueError("--base: only with --trip; remove it")
+    if not 1e-3 <= options.period <= 10:
+        raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     with compilation_noted(PLANNER_NOTE), ExitStack() as shown:
         if options.trip is None:
             result = plan_from_options(options)

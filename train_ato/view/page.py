@@ -19,7 +19,6 @@ from jinja2 import Template
 
 from plant_sim.units import KMH
 from train_ato.judge.result import completed_summary
-from train_ato.messages.types import Array
 from train_ato.report.summary_rows import SUPERVISION, run_groups
 from train_ato.report.words import driven_laws
 from train_ato.report.writing import short_clock
@@ -141,9 +140,10 @@ def track_ahead(facts: Facts, profile: ProfileCurve | None) -> dict[str, list[An
     """
     stops, brakings = (np.zeros(0), np.zeros((0, 2))) if profile is None else (profile.stops, profile.brakings)
     rear = facts.rear + facts.nose if facts.rear.size else np.zeros(0)
-    elevations = _elevations(facts.grade_places, facts.grades)
+    places = facts.grade_places
+    elevations = np.cumsum(np.append(0.0, np.diff(places) * facts.grades[:-1] / 1e3))[: places.size]
     return {
-        "grades": np.column_stack((facts.grade_places, facts.grades, elevations)).round(3).tolist(),
+        "grades": np.column_stack((places, facts.grades, elevations)).round(3).tolist(),
         "limits": np.column_stack((facts.limit_places, KMH * facts.limit_speeds)).round(3).tolist(),
         "stops": (stops + facts.nose).round(3).tolist(),
         "brakings": (brakings[:MAX_BRAKINGS] + facts.nose).round(1).tolist(),
@@ -151,13 +151,6 @@ def track_ahead(facts: Facts, profile: ProfileCurve | None) -> dict[str, list[An
         "length": [facts.length],
         "window": [facts.stop_window],
     }
-
-
-def _elevations(places: Array, grades: Array) -> Array:
-    """Return the elevation [m] at the places where a grade [‰] begins."""
-    if not places.size:
-        return np.zeros(0)
-    return np.concatenate(([0.0], np.cumsum(np.diff(places) * grades[:-1] / 1e3)))
 
 
 MAX_MESSAGES = 5
