@@ -68,10 +68,8 @@ def test_requirements_and_hazards_are_complete() -> None:
     """Breaks if a requirement has no run and no test, a number is not unique, or a hazard, fault or action is lost."""
     assert [row.requirement for row in ROWS] == [f"REQ-{number:02d}" for number in range(1, len(ROWS) + 1)]
     assert all(row.monitors and (row.pair or row.faults or row.tests) for row in ROWS)
-    hazards = [hazard.key for hazard in HAZARDS]
-    assert len(set(hazards)) == len(hazards)
-    assert {row.hazard for row in ROWS} == set(hazards) == MEASURES.keys()
-    assert {row.hazard for row in ROWS if row.pair is not None} == set(hazards)
+    assert {row.hazard for row in ROWS} == HAZARDS.keys() == MEASURES.keys()
+    assert {row.hazard for row in ROWS if row.pair is not None} == HAZARDS.keys()
     assert {fault for row in ROWS for fault in row.faults} == {row.name for row in FAULT_ROWS}
     for row in ROWS:
         if row.pair is not None:

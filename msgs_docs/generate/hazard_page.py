@@ -32,27 +32,6 @@ GUIDES: tuple[Guide, ...] = ("not provided", "provided wrongly", "too early or l
 
 
 @dataclass(frozen=True, config=STRICT)
-class Hazard:
-    """State of the train that can lead to an accident or to a lost service.
-
-    Attributes
-    ----------
-    key, text
-        Short name and description.
-    measure, unit
-        Quantity of a run whose value above the bound is the hazard, and its unit.
-    bound
-        Origin of the bound.
-    """
-
-    key: str
-    text: str
-    measure: str
-    unit: str
-    bound: str
-
-
-@dataclass(frozen=True, config=STRICT)
 class Monitor:
     """Part that meets a requirement, and one way to remove it.
 
@@ -158,7 +137,8 @@ def _parts(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 TABLE: dict[str, Any] = texts("hazards")
-HAZARDS = tuple(Hazard(key, **row) for key, row in TABLE["hazards"].items())
+HAZARDS: dict[str, dict[str, str]] = TABLE["hazards"]
+"""Description, measure whose value above the bound is the hazard, its unit, and origin of the bound."""
 ACTIONS: dict[str, str] = TABLE["actions"]
 """Control action, or feedback it is based on, with sender and receiver."""
 HARMLESS: dict[tuple[str, Guide], str] = {(row["action"], row["guide"]): row["reason"] for row in TABLE["harmless"]}
@@ -366,7 +346,6 @@ MEASURED = Path("msgs_docs", "hazards_measured.json")
 NAME = "hazards"
 MUTANTS = Path("msgs_docs", "mutation_measured.json")
 """Numbers of mutants by file and outcome, written by ``bench/mutation.py``."""
-UNITS = {hazard.key: hazard.unit for hazard in HAZARDS}
 
 
 def _pair_key(row: HazardRow) -> list[Any]:
@@ -442,7 +421,6 @@ def page(root: Path) -> str:
         bases={name: run for name, run in BASES.items() if name in used},
         pairs=pairs,
         removals=REMOVALS,
-        units=UNITS,
         open=[(entry, figures.get(entry.text, {})) for entry in OPEN],
     )
 
