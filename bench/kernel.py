@@ -75,7 +75,6 @@ LOOPS = {
 }
 """Name: loop of the kernel, bare loop; the bare loops destroy the state, so they need arrays of their own."""
 
-
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 MIN_RATIO = 5.0
 MAX_NS, MAX_FULL_NS = 4.0, 15.0

@@ -59,7 +59,6 @@ KEPT = (
     "command_variation_kn_per_s",
 )  # fmt: skip
 
-
 REASONS = {tuple(row["cell"]): row["reason"] for row in texts("reasons")["any_law"]}
 """Measured reason of every cell with default gains that is not met, by scenario and law."""
 

@@ -73,7 +73,6 @@ BASES: dict[str, tuple[str, ...]] = {name: tuple(map(str, texts)) for name, text
 """Scenario and assignments of the runs by name."""
 ROWS = tuple(FaultRow(**{**row, "sets": tuple(row["sets"])}) for row in TABLE["rows"])
 
-
 SECOND = 1_000_000_000
 STANDSTILL = 0.05
 """Speed of a train at standstill [m/s]."""

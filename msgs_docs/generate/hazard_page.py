@@ -149,7 +149,6 @@ ROWS = tuple(_hazard_row(name, row) for name, row in TABLE["requirements"].items
 OPEN = tuple(OpenHazard(**row) for row in TABLE["open"])
 """Hazards without a monitor, found in this analysis."""
 
-
 UNLIMITED = 900.0
 """Speed limit without effect [m/s], within the valid values of a message."""
 _protect, _receive, _supervise = TrainProtection.step, Receiver.receive, Supervisor.step
@@ -339,7 +338,6 @@ MEASURES: dict[str, Callable[[FaultRun], tuple[float, float]]] = {
     "H5": _traction_while_braked, "H6": _end_speed, "H7": _speed_at_release, "H8": _behind_stop, "H9": _demands,
 }  # fmt: skip
 """Function by hazard that returns the value of its measure and the bound, in the unit of the hazard."""
-
 
 PAGE = Path("msgs_docs", "hazards.md")
 MEASURED = Path("msgs_docs", "hazards_measured.json")

@@ -119,7 +119,6 @@ def _other(base: ChoiceRun, row: dict[str, Any]) -> ChoiceRun:
 
 CHOICES = read_choices(Path(__file__).with_name("left_out.yaml"))
 
-
 NAME = "left_out"
 MEASURED = Path("msgs_docs", "left_out_measured.json")
 """Metrics of the runs by key of the run."""

@@ -38,7 +38,6 @@ COLUMNS: tuple[tuple[str, str], ...] = (
 COMPARED = COLUMNS[:9]
 """Law and the metrics with a best value."""
 
-
 OPTIONS: Options = {"scenario": {"nargs": "+"}, "--observer": add_change_options, "--seeds": {"default": 1}}
 
 

@@ -21,7 +21,6 @@ SHELLS = ("bash", "zsh", "fish")
 PROGRAM = "train-ato"
 MISSING = "completion: the package argcomplete is not installed; install it with `pip install argcomplete`"
 
-
 OPTIONS: Options = {"shell": {"choices": SHELLS}}
 
 

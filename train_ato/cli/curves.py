@@ -25,7 +25,6 @@ DEVIATION_TITLE = "largest deviation in {}"
 WIDTH = 11
 """Characters of a column of distances."""
 
-
 OPTIONS: Options = {"--at-km": {"type": kilometre}, "--acceleration": {"type": float}}
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 RUNS = 100
 
-
 OPTIONS: Options = {
     "--observer": add_change_options,
     "--requirement": {"required": True},

@@ -31,7 +31,6 @@ TABLES = ("criteria", "requirements", "stops", "couplers", "tracking_findings")
 ALONE = Path()
 """Value of ``--fatigue`` without another run."""
 
-
 OPTIONS: Options = {"--requirement": {"action": "append"}, "--fatigue": {"nargs": "?", "const": ALONE}}
 
 

@@ -50,7 +50,6 @@ ACTIONS: dict[str, Action] = {
 WITH_PARAMETERS = ("gust", "delay_jump", "message_loss", "message_freeze", "drive_gain", "brake_fade", "adhesion")
 """Services with strengths that are parameters."""
 
-
 OPTIONS: Options = {"action": {"choices": tuple(ACTIONS)}, "parameters": {"nargs": "*"}, "--domain": add_train}
 
 

@@ -25,7 +25,6 @@ RUNS, SPACING, MEMORY = 5, 5.0, 20
 OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shift", "assignments")
 """Options without an effect on recorded runs."""
 
-
 OPTIONS: Options = {
     "source": {"nargs": "+"},
     "--observer": add_change_options,

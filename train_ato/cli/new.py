@@ -26,7 +26,6 @@ MISSING = {
 }
 """Message for each folder that an installation may lack."""
 
-
 OPTIONS: Options = {"kind": {"choices": (*YAML_KINDS, *CODE_KINDS)}}
 
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 OF_EVERY_NODE = frozenset({"use_sim_time", "start_type_description_service", "scenario"})
 
-
 OPTIONS: Options = {"--observer": add_change_options}
 
 

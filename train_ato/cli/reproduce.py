@@ -41,7 +41,6 @@ WIDTH = 160
 """Width of the tables if standard output is not a terminal [characters]."""
 COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not reproduced": "red"}
 
-
 OPTIONS: Options = {
     "paper": {"nargs": "?", "default": "all", "words": {"papers": ", ".join(paper_packages())}},
     "--jobs": {"default": min(2, os.cpu_count() or 1)},

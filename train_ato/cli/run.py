@@ -52,7 +52,6 @@ LIMIT = 3
 EXPLAINED = "msgs_docs/report.md, Output of a run"
 """Page that explains every line of the output."""
 
-
 OPTIONS: Options = {
     "--observer": add_change_options,
     "--engine": {"one_of": "mode"},

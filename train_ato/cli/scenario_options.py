@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 KINDS = ("law", "observer", "compensation")
 """Kinds of components; each is an option."""
 
-
 OPTIONS: Options = {"--set": {"action": "append", "dest": "assignments"}}
 
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
 
-
 OPTIONS: Options = {
     "--metric": {"default": ERROR_METRIC},
     "--border": {"choices": tuple(BORDERS), "default": "tracking"},

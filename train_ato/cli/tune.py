@@ -46,7 +46,6 @@ COLUMNS: tuple[tuple[str, str], ...] = (
 )
 """Key of a row, and head of its column."""
 
-
 OPTIONS: Options = {
     "--law": {"required": True},
     "--set": {"action": "append", "dest": "assignments"},

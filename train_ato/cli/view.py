@@ -46,7 +46,6 @@ ENDING_S = 120.0
 COMPLAINT = "train-ato"
 """First word of an error line."""
 
-
 OPTIONS: Options = {
     "run": {"one_of": "what", "nargs": "?"},
     "--scenario": {"one_of": "what"},

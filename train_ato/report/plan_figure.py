@@ -26,7 +26,6 @@ LIMIT_WORDS = "speed limit over the train length"
 SHORT_LINE_KM = 1.0
 """Below this length the axis is in metres."""
 
-
 Lines = Iterable[tuple[Array, str, str | None]]
 """Values [SI], colour and label of the lines of a panel."""
 

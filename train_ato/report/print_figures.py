@@ -47,7 +47,6 @@ LOW = {"pipe": 0.6, "shoe_force": 0.6}
 """Panels that are lower than the others where there are many."""
 DASHES = {"solid": "-", "dashed": (0, (5, 2)), "dotted": (0, (1.2, 1.4))}
 
-
 SHEET_SIZE = 10.0
 """Size of text on a sheet of 11 inches, read on a screen [pt]."""
 

@@ -35,7 +35,6 @@ _BUFF_TO_DRAFT = (
 )  # fmt: skip
 _NONE_TO_FULL = ("#ffffff", "#fff7bc", "#fee391", "#fec44f", "#fe9929", "#ec7014", "#cc4c02", "#993404", "#662506")
 
-
 TABLES: dict[str, Any] = read_yaml(Path(__file__).with_name("page.yaml"))
 """Tables of the figures by name, for page and print."""
 _NAMED = {

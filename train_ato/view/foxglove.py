@@ -31,7 +31,6 @@ MAX_AT_ONCE = 20_000
 MAX_STALL_NS = 2_000_000_000
 """Longest period of a loaded machine after which no message of a recorded run is skipped [ns]."""
 
-
 Send = Callable[[str, int, bytes], None]
 """Callback for a message: topic of the table, ns since 1970, bytes."""
 

@@ -218,7 +218,6 @@ def _link(module: str, pages: Mapping[str, str]) -> str:
 OTHER = {"delay": 0.5, "lag": 0.4, "period": 0.1}
 """Delay, lag and period of a shipped train without fitted gains [s]."""
 
-
 load = functools.cache(load_consist)
 
 

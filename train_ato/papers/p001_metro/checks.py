@@ -41,7 +41,6 @@ CASES = {
     },
 }
 
-
 CLAIMS = c.Claims()
 CORRECTED = "only with the corrected network (objective s²/2, input s, clipped); as printed it drifts"
 LITERAL_SETTINGS = ("ideal literal", "literal nominal")

@@ -54,7 +54,6 @@ CASES: dict[str, Case | Calculation] = {
     },
 }
 
-
 OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 STIFFNESS_KN = 160.0
 """Stiffness of a coupler [kN/m]."""

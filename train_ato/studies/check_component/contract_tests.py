@@ -328,7 +328,6 @@ def _law_recovery(make: Make, rig: LawRig) -> tuple[bool, str]:
 
 LAW_TESTS = tests_with("finite and inside the limits", {"recovers after NaN": _law_recovery})
 
-
 DELAY, LAG = 0.5, 0.4
 """Delay of the commands and lag of the actuators [s]."""
 CONTROLLED_STEPS = 400

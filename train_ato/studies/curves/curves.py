@@ -81,7 +81,6 @@ TABLE_STEP_KMH = 5.0
 LINE_CURVES = ("EBD", "EBI", "SBI2", "Warning", "Permitted", "Indication")
 """Curves of the table of an end of authority; SBD and SBI1 are added if the service brake has a curve."""
 
-
 CURVE_COLOURS = {
     "EBD": BLACK, "SBD": GREY, "EBI": VERMILION, "SBI": PURPLE, "SBI1": BROWN, "SBI2": PURPLE,
     "Warning": ORANGE, "Permitted": GREEN, "Indication": BLUE,
