@@ -14,7 +14,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import fields, make_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -46,19 +46,10 @@ PARTS = (
     ("controller", "receive"), ("controller", "command"), ("plant", "act"), ("recording", "extend"),
 )  # fmt: skip
 """Attributes of the loop and their methods, in the order of a tick."""
-
-
-@dataclass(frozen=True, slots=True)
-class FrozenMeasurement:
-    """Copy of :class:`plant_sim.states.Measurement` with the run-time check."""
-
-    stamp: int
-    position: Any
-    velocity: Any
-    applied: Any
-    deflection: Any
-    rate: Any
-    force: Any
+FrozenMeasurement = make_dataclass(
+    "FrozenMeasurement", [entry.name for entry in fields(Measurement)], frozen=True, slots=True
+)
+"""Copy of :class:`plant_sim.states.Measurement` with the run-time check."""
 
 
 def timed(method: Callable[..., Any], times: list[int]) -> Callable[..., Any]:
