@@ -75,15 +75,15 @@ def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], m
     words = metric_words(result.table, metric) if (result.table["status"] == "done").any() else metric
     key = list_key(result.spec)
     rows = []
-    for group in grouped(shown_metrics(result.table), key):
-        kept = group.runs[inside(group.runs)]
+    for label, runs in grouped(shown_metrics(result.table), key):
+        kept = runs[inside(runs)]
         values = kept[metric].dropna() if metric in kept else kept["wall_s"].head(0)
         rows.append({
-            key or "runs of": group.label,
-            "runs": len(group.runs),
-            "done": int((group.runs["status"] == "done").sum()),
+            key or "runs of": label,
+            "runs": len(runs),
+            "done": int((runs["status"] == "done").sum()),
             "tracked": len(kept),
-            "passed": int((group.runs["verdict"] == "passed").sum()),
+            "passed": int((runs["verdict"] == "passed").sum()),
             "median": float(values.median()) if len(values) else None,
             "largest": float(values.abs().max()) if len(values) else None,
         })  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from train_ato.judge.metric_names import METRICS, metric_heading
@@ -26,27 +24,15 @@ class NotDrawable(InputError):
     """The design or the runs of a sweep do not permit a figure."""
 
 
-@dataclass(frozen=True)
-class RunGroup:
-    """Runs with one value of a list."""
-
-    label: str
-    runs: pd.DataFrame
-
-
 def list_key(spec: SweepSpec) -> str | None:
     """Return the list whose values the figures compare: ``law``, else the first one but ``seed``; None without."""
     keys = [dimension.key for dimension in spec.dimensions if not dimension.is_range and dimension.key != "seed"]
     return "law" if "law" in keys else (keys[0] if keys else None)
 
 
-def grouped(table: pd.DataFrame, key: str | None) -> Iterator[RunGroup]:
-    """Yield the runs for every value of a key, in the order of the values; without a key, all runs."""
-    if key is None:
-        yield RunGroup("all runs", table)
-        return
-    for value in sorted(table[key].dropna().unique()):
-        yield RunGroup(str(value), table[table[key] == value])
+def grouped(table: pd.DataFrame, key: str | None) -> list[tuple[str, pd.DataFrame]]:
+    """Return label and runs for every value of a key, in the order of the values; without a key, all runs."""
+    return [("all runs", table)] if key is None else [(str(value), runs) for value, runs in table.groupby(key)]
 
 
 def inside(table: pd.DataFrame, border: str = "tracking") -> Any:

@@ -15,7 +15,7 @@ from train_ato.messages.types import Array
 from train_ato.report.print_figures import LEGEND, WIDTH, NotebookFigure, add_print_legend, sheet, styled
 from train_ato.report.quantities import COLOURS, FAINT, INK, VERMILION, none_to_full
 from train_ato.scenario.dimensions import Dimension
-from train_ato.studies.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
+from train_ato.studies.sweep.groups import NotDrawable, grouped, inside, list_key, metric_words
 from train_ato.studies.sweep.spec import MISSING_SCIPY, SweepSpec
 
 if TYPE_CHECKING:
@@ -96,17 +96,17 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
         raise NotDrawable("the design has no two ranges")
     words = metric_words(table, metric)
     inside(table, border)
-    groups = [group for group in grouped(table, list_key(spec)) if len(group.runs)]
-    maps = [_cells_of(group, ranges[0], ranges[1], metric, border) for group in groups]
+    groups = [(label, runs) for label, runs in grouped(table, list_key(spec)) if len(runs)]
+    maps = [_cells_of(runs, ranges[0], ranges[1], metric, border) for _, runs in groups]
     columns = min(COLUMNS, len(groups))
     rows = -(-len(groups) // columns)
     figure = NotebookFigure(figsize=(WIDTH, 0.9 + rows * (3.6 if columns == 1 else 2.5)), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     top = max((float(cells.value[cells.stable > 0].max()) for cells in maps if cells.stable.any()), default=1.0)
     image: Any = None
-    for panel, group, cells in zip(panels, groups, maps, strict=False):
+    for panel, (label, runs), cells in zip(panels, groups, maps, strict=False):
         image = _draw(panel, cells, ranges[0], ranges[1], top)
-        panel.set_title(f"{group.label}: {int(inside(group.runs, border).sum())} of {len(group.runs)} inside")
+        panel.set_title(f"{label}: {int(inside(runs, border).sum())} of {len(runs)} inside")
     for panel in panels[len(groups) :]:
         panel.set_visible(False)
     for panel in panels[max(0, len(groups) - columns) : len(groups)]:
@@ -122,12 +122,10 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
     return figure
 
 
-def _cells_of(group: RunGroup, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
+def _cells_of(runs: pd.DataFrame, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
     """Return places and picture of the runs of a group."""
-    shares = [
-        np.array([dimension.share(value) for value in group.runs[dimension.key]]) for dimension in (first, second)
-    ]
-    return map_cells(shares[0], shares[1], inside(group.runs, border), group.runs[metric].to_numpy(dtype=float))
+    shares = [np.array([dimension.share(value) for value in runs[dimension.key]]) for dimension in (first, second)]
+    return map_cells(shares[0], shares[1], inside(runs, border), runs[metric].to_numpy(dtype=float))
 
 
 def _draw(panel: Any, cells: MapCells, first: Dimension, second: Dimension, top: float) -> Any:
@@ -192,8 +190,8 @@ def box_plot(spec: SweepSpec, table: pd.DataFrame, metric: str) -> Figure:
     if key is None:
         raise NotDrawable("the design has no list of values to compare")
     words = metric_words(table, metric)
-    groups = list(grouped(table, key))
-    values = [group.runs[metric][inside(group.runs)].dropna().to_numpy(dtype=float) for group in groups]
+    groups = grouped(table, key)
+    values = [runs[metric][inside(runs)].dropna().to_numpy(dtype=float) for _, runs in groups]
     if not any(entry.size for entry in values):
         raise NotDrawable("no run is tracked")
     figure, (axes,) = sheet(1, [1.6])
@@ -208,10 +206,7 @@ def box_plot(spec: SweepSpec, table: pd.DataFrame, metric: str) -> Figure:
         box.set(facecolor=colour, alpha=0.3)
         share = np.linspace(-1.0, 1.0, entry.size) if entry.size > 1 else np.zeros(entry.size)
         axes.plot(index + SPREAD * share, entry, ".", ms=2.5, color=colour, alpha=0.7)
-    labels = [
-        f"{group.label}\n{int(inside(group.runs).sum())} of {len(group.runs)} tracked"
-        for group in groups
-    ]  # fmt: skip
+    labels = [f"{label}\n{int(inside(runs).sum())} of {len(runs)} tracked" for label, runs in groups]
     axes.set_xticks(places, labels)
     _use_logarithm(axes, "y", np.concatenate(values))
     axes.set_ylabel(words)
@@ -270,16 +265,16 @@ def pareto_figure(table: pd.DataFrame, metric: str, name: str) -> Figure:
     words = metric_words(table, metric)
     figure, (axes,) = sheet(1, [2.0])
     drawn = 0
-    for index, group in enumerate(grouped(table, "law")):
-        runs = group.runs[inside(group.runs)].dropna(subset=[metric, VARIATION])
-        lost = len(group.runs) - int(inside(group.runs).sum())
+    for index, (law, group) in enumerate(grouped(table, "law")):
+        runs = group[inside(group)].dropna(subset=[metric, VARIATION])
+        lost = len(group) - int(inside(group).sum())
         x, y = runs[VARIATION].to_numpy(dtype=float), np.abs(runs[metric].to_numpy(dtype=float))
         if not x.size:
             continue
         drawn += 1
         colour = COLOURS[index % len(COLOURS)]
         front = pareto_front(x, y)
-        label = f"{group.label}, {front.size} of {x.size} on the front" + (f", {lost} not tracked" if lost else "")
+        label = f"{law}, {front.size} of {x.size} on the front" + (f", {lost} not tracked" if lost else "")
         axes.plot(x, y, ".", ms=4, color=colour, alpha=0.35)
         axes.plot(x[front], y[front], "o-", ms=3.5, lw=1.1, color=colour, label=label, drawstyle="steps-post")
     if not drawn:
