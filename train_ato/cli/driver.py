@@ -13,7 +13,6 @@ Options::
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -40,25 +39,24 @@ OPTIONS: Options = {
 def execute(options: argparse.Namespace) -> None:
     """Simulate the driver, write the profile, and print the brake events in the form of a scenario."""
     from plant_sim.library import load_consist, load_line
-    from train_ato.profile.driver import Driver, averaged_profile, simulate_driver
+    from train_ato.profile import driver
     from train_ato.profile.file import write_profile
 
     check_new_file(options.out, (".csv", ".yaml", ".yml"))
     consist, line = load_consist(options.consist), load_line(options.line)
     until = _until(options, line)
-    driver = dataclasses.replace(Driver(), speed=options.speed_kmh / 3.6)
-    run = simulate_driver(consist, line, until, driver, report=_print_position)
-    profile = averaged_profile(run, driver, options.spacing)
+    speed = options.speed_kmh / 3.6
+    profile, changes = driver.simulate_driver(consist, line, until, speed, options.spacing, _print_position)
     shown = options.until_km if isinstance(options.until_km, str) else f"{options.until_km:.10g}"
     source = (
-        f"simulated driver ({driver.slew / 1e3:g} kN/s, {driver.traction:g} of the traction, {driver.brake:g} of the "
-        f"brake, {options.speed_kmh:g} km/h, {driver.gain:g} 1/s) on {consist.name} and {line.name}, speed averaged "
-        f"over {driver.average:g} s three times: "
+        f"simulated driver ({driver.SLEW / 1e3:g} kN/s, {driver.TRACTION:g} of the traction, {driver.BRAKE:g} of the "
+        f"brake, {options.speed_kmh:g} km/h, {driver.GAIN:g} 1/s) on {consist.name} and {line.name}, speed averaged "
+        f"over {driver.AVERAGE:g} s three times: "
         f"train-ato driver {options.line} {options.consist} --until-km {shown} "
         f"--speed-kmh {options.speed_kmh:.10g} --spacing {options.spacing:.10g}"
     )
     write_profile(profile, options.out, source)
-    events = [{"time": round(time, 3), "reduction_kpa": round(reduction / 1e3, 3)} for time, reduction in run.events]
+    events = [{"time": round(time, 3), "reduction_kpa": round(reduction / 1e3, 3)} for time, reduction in changes]
     result = {
         "file": str(options.out),
         "running_time_s": profile.end,

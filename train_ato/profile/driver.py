@@ -7,7 +7,6 @@ changes. Its speed is averaged over time (paper 000 uses a recorded run of an ex
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,80 +34,34 @@ def nominal_train_model(consist: Consist, line: Line, tick: float = 0.1) -> Trai
     return TrainModel(consist, line, none, none, 0.0, tick)
 
 
-@dataclass(frozen=True)
-class Driver:
-    """Parameters of the simulated driver.
-
-    Attributes
-    ----------
-    speed : float
-        Target speed [m/s].
-    gain : float
-        Acceleration per speed error [1/s].
-    slew : float
-        Limit of the force rate [N/s].
-    traction, brake : float
-        Used fraction of the envelopes.
-    average : float
-        Window of the moving average, applied three times [s].
-    """
-
-    speed: float = 70 / 3.6
-    gain: float = 0.02
-    slew: float = 8e3
-    traction: float = 0.72
-    brake: float = 0.75
-    average: float = 5.0
-
-    def next_force(self, model: TrainModel, position: float, velocity: float, force: float) -> float:
-        """Return the next force of the train [N] from position [m], speed [m/s] and present force [N].
-
-        The control is proportional, with a feed-forward and limits of force and rate.
-        """
-        demand = model.inertia * self.gain * (self.speed - velocity)
-        demand += model.running_resistance(velocity) + model.line_force(position)
-        high = self.traction * plain_sum(envelope.force(velocity) for envelope in model.traction)
-        low = -self.brake * plain_sum(envelope.force(velocity) for envelope in model.brake)
-        demand = min(max(demand, low), high)
-        return min(max(demand, force - self.slew * PERIOD), force + self.slew * PERIOD)
-
-
-@dataclass(frozen=True)
-class DrivenRun:
-    """A simulated run.
-
-    Attributes
-    ----------
-    period : float
-        Time between samples [s].
-    position, velocity, force : Array, shape (n,)
-        Vehicle 0's centre [m], its speed [m/s], commanded force of the train [N].
-    events : tuple of (float, float)
-        Time [s] and brake-pipe reduction [Pa] of every brake event.
-    """
-
-    period: float
-    position: Array
-    velocity: Array
-    force: Array
-    events: tuple[tuple[float, float], ...]
+GAIN = 0.02
+"""Acceleration of the driver per speed error [1/s]."""
+SLEW = 8e3
+"""Limit of the force rate [N/s]."""
+TRACTION, BRAKE = 0.72, 0.75
+"""Used fractions of the envelopes."""
+AVERAGE = 5.0
+"""Window of the moving average of the speed, applied three times [s]."""
 
 
 def simulate_driver(
-    consist: Consist, line: Line, until: float, driver: Driver, *, report: Callable[[float], None] | None = None
-) -> DrivenRun:
-    """Simulate the nominal train from rest at the begin of the line until vehicle 0 reaches ``until`` [m].
+    consist: Consist, line: Line, until: float, target: float, spacing: float, report: Callable[[float], None]
+) -> tuple[Profile, list[tuple[float, float]]]:
+    """Return the averaged run of the nominal train from rest at the begin of the line, and its brake events.
 
-    The air brake has the rules of paper 000; a train without one brakes electrically only.
+    An event has a time [s] and a brake-pipe reduction [Pa]. The air brake has the rules of paper 000; a train without
+    one brakes electrically only.
 
     Parameters
     ----------
     consist, line
         Nominal train and line; the actuators are ideal.
     until
-        Position at which the run ends [m].
-    driver
-        Parameters of the driver.
+        Position of vehicle 0 at which the run ends [m].
+    target
+        Target speed of the driver [m/s].
+    spacing
+        Time between the knots of the profile [s].
     report
         Called every 100 simulated seconds with the position [m].
 
@@ -122,33 +75,44 @@ def simulate_driver(
     model = nominal_train_model(consist, line, PERIOD)
     policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
     substeps, shares = round(PERIOD / STEP), ForceDistribution((), model.share.tolist())
-    force, events, standstill = 0.0, [], 0
+    force, standstill, velocities = 0.0, 0, list[float]()
+    events: list[tuple[float, float]] = []
     charged = pressure = consist.air_brake.charged if consist.air_brake else 0.0
-    positions, velocities, forces = [], [], []
     while True:
         cars = train.observe().vehicles
         position, velocity = float(cars.position[0]), float(cars.velocity[0])
-        positions.append(position)
         velocities.append(velocity)
-        forces.append(force)
         if position >= until:
             break
         standstill = standstill + 1 if velocity < 1e-3 else 0
         if standstill * PERIOD > MAX_STANDSTILL:
             raise ValueError(f"the train stops at {position:.0f} m: too heavy for the grade; reduce its mass")
-        tick = len(positions) - 1
+        tick = len(velocities) - 1
         demanded = policy.step(tick * PERIOD, position, velocity, force)
         if demanded != pressure:
             events.append((tick * PERIOD, charged - demanded))
             pressure = demanded
-        force = driver.next_force(model, position, velocity, force)
+        force = _next_force(model, position, velocity, force, target)
         units: list[float] = (force * model.share).tolist()
         if model.uneven:
             units = shares.forces(position, units, *model.limits_of_units([velocity] * model.n_units))
         train.advance(np.tile(units, (substeps, 1)), pressure if consist.air_brake else None)
-        if report is not None and tick % 1000 == 0:
+        if tick % 1000 == 0:
             report(position)
-    return DrivenRun(PERIOD, np.array(positions), np.array(velocities), np.array(forces), tuple(events))
+    return _averaged_profile(line.begin, np.array(velocities), PERIOD, spacing), events
+
+
+def _next_force(model: TrainModel, position: float, velocity: float, force: float, target: float) -> float:
+    """Return the next force of the train [N] from position [m], speed [m/s], present force [N] and target speed [m/s].
+
+    The control is proportional, with a feed-forward and limits of force and rate.
+    """
+    demand = model.inertia * GAIN * (target - velocity)
+    demand += model.running_resistance(velocity) + model.line_force(position)
+    high = TRACTION * plain_sum(envelope.force(velocity) for envelope in model.traction)
+    low = -BRAKE * plain_sum(envelope.force(velocity) for envelope in model.brake)
+    demand = min(max(demand, low), high)
+    return min(max(demand, force - SLEW * PERIOD), force + SLEW * PERIOD)
 
 
 def simulate_actions(
@@ -194,19 +158,18 @@ def simulate_actions(
         force = np.array(driver.forces(tick * period, position, velocity[units].tolist()))
         pressure = policy.step(tick * period, position, float(velocity[0]), total_of_units(force))
         train.advance(np.tile(force, (train.substeps, 1)), pressure if consist.air_brake else None)
-    averaged = DrivenRun(period, np.array([start]), np.array(velocities), np.zeros(0), ())
-    return averaged_profile(averaged, Driver(), period)
+    return _averaged_profile(start, np.array(velocities), period, period)
 
 
-def averaged_profile(run: DrivenRun, driver: Driver, spacing: float) -> Profile:
+def _averaged_profile(start: float, velocity: Array, period: float, spacing: float) -> Profile:
     """Return the profile of a simulated run: averaged speed, integrated position, knots every ``spacing`` s."""
-    speed = average_speed(run.velocity, run.period, driver.average)
-    speed[0] = run.velocity[0]
-    acceleration = np.gradient(speed, run.period)
+    speed = average_speed(velocity, period, AVERAGE)
+    speed[0] = velocity[0]
+    acceleration = np.gradient(speed, period)
     acceleration[0] = 0.0
-    steps = run.period * (speed[1:] + speed[:-1]) / 2 - run.period**2 * np.diff(acceleration) / 12
-    position = run.position[0] + np.concatenate(([0.0], np.cumsum(steps)))
-    every = round(spacing / run.period)
+    steps = period * (speed[1:] + speed[:-1]) / 2 - period**2 * np.diff(acceleration) / 12
+    position = start + np.concatenate(([0.0], np.cumsum(steps)))
+    every = round(spacing / period)
     last = (speed.size - 1) // every * every
     knots = slice(0, last + 1, every)
     # Rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy.

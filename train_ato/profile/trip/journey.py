@@ -112,7 +112,7 @@ class JourneySearch:
             coupler_limit=self._coupler_limit,
         )  # fmt: skip
         if self._supplies.size > 1:
-            constants.recharge, constants.wave_loss = train.reservoirs.recharge, train.reservoirs.wave_loss
+            constants.recharge, constants.wave_loss = train.recharge, train.wave_loss
             constants.min_supply, constants.supply_grid = self._supplies[0], self._supplies[1] - self._supplies[0]
         return records_of(s.SearchConstants, [constants])
 
@@ -201,12 +201,12 @@ def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, list[s.Brak
 
 def _supplies(train: ReducedTrain, shoes: Array, ranges: list[s.BrakeRange]) -> Array:
     """Return the supplies of the search, from that of endless applications with the shortest pause to 1."""
-    if train.reservoirs.recharge == 0.0 or not ranges:
+    if train.recharge == 0.0 or not ranges:
         return np.ones(1)
     lowest = 1.0
     for row in ranges:
         pause = AGE_STEP * (row.released_last - row.released_first)
-        missing = min(train.reservoirs.wave_loss * math.exp(-pause / train.reservoirs.recharge), 1.0)
+        missing = min(train.wave_loss * math.exp(-pause / train.recharge), 1.0)
         left = 1.0 - float(shoes[s.USED, row.applied_first])
         lowest = min(lowest, (1.0 - missing) / (1.0 - left * missing))
     return np.linspace(lowest, 1.0, SUPPLIES)

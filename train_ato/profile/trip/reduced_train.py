@@ -78,14 +78,6 @@ class SectionForces:
         tables = np.stack([np.stack(limits.available(tuple(row), equal_parts=True)[:2]) for row in rows.tolist()])
         self._tables = tables[which.ravel()]
 
-    def least(self, begin: float, end: float) -> Array:
-        """Return the least forces between two places over the speed [N], shape (2, speeds): traction, electric brake.
-
-        The speeds are multiples of ``TABLE_STEP``.
-        """
-        first, last = np.searchsorted(self.breaks, (begin, end), side="right")
-        return np.asarray(self._tables[first : last + 1].min(axis=0))
-
     def over_cells(self, edges: Array, limit: Array, speed: Array) -> tuple[Array, Integers]:
         """Return the tables of the cells and the table of every cell, with the margin at the limit of the speed.
 
@@ -106,7 +98,9 @@ class SectionForces:
             Number of the table.
         """
         way = MARGIN * limit
-        found = np.stack([self.least(*row) for row in zip(edges[:-1] - way[:-1], edges[1:] + way[1:], strict=True)])
+        firsts = np.searchsorted(self.breaks, edges[:-1] - way[:-1], side="right")
+        lasts = np.searchsorted(self.breaks, edges[1:] + way[1:], side="right")
+        found = np.stack([self._tables[a : b + 1].min(axis=0) for a, b in zip(firsts, lasts, strict=True)])
         index = np.minimum(np.rint(speed / TABLE_STEP).astype(np.int64), found.shape[2] - 1)
         tables, which = np.unique(found[:, :, index], axis=0, return_inverse=True)
         return tables, which.ravel()
@@ -230,23 +224,6 @@ class ShoeResponse:
 
 
 @dataclass(frozen=True)
-class Reservoirs:
-    """Recharge of the reservoirs of a train.
-
-    Attributes
-    ----------
-    recharge : float
-        Time constant [s]; 0 for reservoirs that applications do not use up.
-    wave_loss : float
-        Mean factor of the vehicles on the missing filling. Every vehicle recharges from the wave of a release to the
-        wave of the next application. The first of these waves is slower.
-    """
-
-    recharge: float = 0.0
-    wave_loss: float = 1.0
-
-
-@dataclass(frozen=True)
 class ReducedTrain:
     """Tables of train and line over the cells and the speed grid.
 
@@ -274,8 +251,11 @@ class ReducedTrain:
         One for each permitted reduction; empty without an air brake.
     couplers : CouplerTables
         Sums over the vehicles in front of selected couplers.
-    reservoirs : Reservoirs
-        Recharge of the reservoirs.
+    recharge : float
+        Time constant of the recharge of the reservoirs [s]; 0 for reservoirs that applications do not use up.
+    wave_loss : float
+        Mean factor of the vehicles on the missing filling. Every vehicle recharges from the wave of a release to the
+        wave of the next application. The first of these waves is slower.
     """
 
     begin: float
@@ -289,7 +269,8 @@ class ReducedTrain:
     inertia: float
     responses: tuple[ShoeResponse, ...]
     couplers: CouplerTables
-    reservoirs: Reservoirs
+    recharge: float
+    wave_loss: float
 
     @property
     def cells(self) -> int:
@@ -326,15 +307,15 @@ def shoe_response(consist: Consist, reduction: float, couplers: tuple[int, ...] 
     return ShoeResponse(reduction, applied, released, applied_ahead, released_ahead, used)
 
 
-def reservoirs_of(consist: Consist) -> Reservoirs:
-    """Return the recharge of the reservoirs of a train."""
+def _recharge(consist: Consist) -> tuple[float, float]:
+    """Return the time constant of the recharge of the reservoirs [s], and the factor on the missing filling."""
     brake = consist.air_brake
     if brake is None or brake.reservoir_use == 0.0:
-        return Reservoirs()
+        return 0.0, 1.0
     later = pipe_distances(consist) * (1.0 / brake.release_wave - 1.0 / brake.apply_wave)
     forces = np.array(consist.friction_forces)
     factors = np.array([math.exp(time / brake.recharge_time) for time in later.tolist()])
-    return Reservoirs(brake.recharge_time, float(np.average(factors, weights=forces)))
+    return brake.recharge_time, float(np.average(factors, weights=forces))
 
 
 def _until_settled(forecast: BrakeForecast, begin: float, couplers: tuple[int, ...]) -> tuple[Array, Array]:
@@ -392,5 +373,5 @@ def reduced_train(
     responses = tuple(shoe_response(consist, reduction, couplers.numbers) for reduction in reductions)
     return ReducedTrain(
         begin, cell, line_force, limit, speed, running, drives, section, model.inertia, responses, couplers,
-        reservoirs_of(consist),
+        *_recharge(consist),
     )  # fmt: skip
