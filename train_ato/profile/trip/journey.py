@@ -73,11 +73,6 @@ class Journey:
     shoes: Array
     applications: tuple[Application, ...]
 
-    @property
-    def duration(self) -> float:
-        """Running time [s]."""
-        return float(self.time[-1])
-
 
 class JourneySearch:
     """Search on one train and line, for several prices of time.
