@@ -22,6 +22,7 @@ from test_record import wait_for
 
 import train_ato
 from train_ato.cli.main import main
+from train_ato.judge.run_end import RunEnd
 from train_ato.log import reading
 from train_ato.log.chunk_thread import CLOSE_AFTER_S
 from train_ato.log.compression import COMPRESSIONS
@@ -311,6 +312,7 @@ class LateQueues:
 
     is_repeated = sent_outside = staticmethod(lambda *_: False)
     answer_requests = publish = staticmethod(lambda *_: None)
+    end = None
 
     def __init__(self, folder: Path, late: str) -> None:
         setup, _ = read_run_folder(folder)
@@ -348,6 +350,16 @@ def test_messages_wait_for_the_last_topic_of_their_tick(hold, run, tmp_path, mon
     times = [message.log_ns for message in stream(tmp_path / "run.mcap")]
     assert len(times) > 1000
     assert (times == sorted(times)) == (hold > 0.0)
+
+
+@pytest.mark.parametrize(("topic", "stamp"), [("ato/profile", "0.000"), ("ato/command", "19.900")])
+def test_a_complete_run_without_the_last_message_of_a_topic_fails(topic, stamp, run, tmp_path):
+    """Breaks if a message that a bad network has never brought is missing in the log of a run with status done."""
+    queues = LateQueues(run("engine"), topic)
+    queues.end = RunEnd("done", "", 10 * SECONDS).notice(0)
+    node = recorder.RecorderNode(RunLog(tmp_path, topics_of(queues.wire.layout)), queues, 10**8)
+    with pytest.raises(ValueError, match=f"{topic} of node \\w+ for {stamp} s did not arrive; check the network"):
+        node.close(None)
 
 
 @EVERY_MODE

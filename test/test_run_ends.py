@@ -381,6 +381,9 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path, 
     finally:
         shared_memory.clean()
     check_end(case, out, code, said)
+    for host in {*hosts.values()}:  # a network that loses packets would never bring a datagram of many fragments
+        lines = subprocess.run([*host, "cat", "/proc/net/snmp"], capture_output=True, text=True).stdout.splitlines()
+        assert dict(zip(lines[0].split(), lines[1].split(), strict=True))["FragCreates"] == "0"
 
 
 def check_end(case: Case, out: Path, code: int, said: str) -> None:

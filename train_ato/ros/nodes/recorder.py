@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from operator import itemgetter
 from types import MappingProxyType
 
+from train_ato.judge.run_end import DONE, RunEnd
 from train_ato.log.log_writer import RunLog
 from train_ato.messages.cdr import stamp_of, with_stamp
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role, published_by, tick_topics, topics_of
@@ -64,6 +65,7 @@ class RecorderNode:
         self.closed = False
         self._next, self._acknowledged = ACKNOWLEDGE_EVERY, -1
         self._ticking = tick_topics(endpoints.wire.layout)
+        self._once = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.rate is Rate.ONCE]
         self._of_plant = [name for name in self._ticking if Role.PLANT in BY_NAME[name].publishers]
         self._last: dict[str, int] = {}
         self._last_due = last_due
@@ -228,7 +230,7 @@ class RecorderNode:
         Raises
         ------
         ValueError
-            If the numbers of published and recorded messages of a topic differ.
+            If the numbers of published and recorded messages of a topic differ, or the last one of a topic is missing.
         OSError
             If the disk is full or gone.
         """
@@ -240,11 +242,24 @@ class RecorderNode:
             self.log.close()
         if self._wrong is not None:
             raise self._wrong
+        if published is None:
+            self._check_last()
         for name, recorded in self.log.counts.items():
             if self.endpoints.sent_outside(name):
                 continue
             if published is not None and published.get(name, 0) != recorded:
                 raise ValueError(f"{recorded} messages of {name} are recorded, {published.get(name, 0)} were published")
+
+    def _check_last(self) -> None:
+        """Raise ValueError if a topic lacks the message of the last tick of a complete run, or its only one."""
+        end = self.endpoints.end and RunEnd.of(self.endpoints.end)
+        if not end or end.status != DONE:
+            return
+        due = dict.fromkeys(self._ticking, (end.ticks - 1) * self._tick_ns) | dict.fromkeys(self._once, 0)
+        for name, stamp in due.items():
+            if self.last_stamp(name) < stamp and not self.endpoints.sent_outside(name):
+                sender = BY_NAME[name].publishers[0].value
+                raise ValueError(f"{name} of node {sender} for {stamp * 1e-9:.3f} s did not arrive; check the network")
 
 
 def _stamp(name: str, data: bytes) -> int:
