@@ -26,8 +26,8 @@ from train_ato.scenario.setup import RunSetup
 
 RECORD_EVERY = 8
 """Ticks after which the recorder empties its queues of 1000 messages; a new message is sought in all of its queue."""
-_SLICE_S = 0.003
-"""Wall time of the callbacks between two looks at the ticks [s]."""
+_SLICE_S, _PACED_S = 0.003, 0.03
+"""Wall time of the callbacks between two looks at the ticks, of a fast run and of one with a tick or none in it [s]."""
 START_LIMIT_S = 30.0
 """Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
@@ -186,9 +186,11 @@ class _Composed:
 
     def _drive(self, report: Report | None) -> None:
         plant, watch = self._plant, self._watch
-        look, recorded = time.monotonic() + TURN_S, 0
+        look, recorded, slice_s = time.monotonic() + TURN_S, 0, _SLICE_S
         while not plant.finished and watch.failure is None:
-            self._executor.spin_for(_SLICE_S)
+            begun = plant.tick
+            self._executor.spin_for(slice_s)
+            slice_s = _SLICE_S if plant.tick > begun + 1 else _PACED_S
             if plant.tick >= recorded + RECORD_EVERY:
                 recorded = plant.tick
                 self._record()
