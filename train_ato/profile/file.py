@@ -10,7 +10,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from plant_sim.data_text import parse_yaml
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Speed, Time
 from train_ato.messages.types import Array
 from train_ato.profile.profile import MAX_TIME, Profile, hermite, knot_count
@@ -222,8 +222,8 @@ def write_profile(profile: Profile, path: Path, source: str = "") -> None:
 class Point(SiModel):
     """A corner of the speed curve: a speed at a time or at a place of the train's front."""
 
-    time: Time | None = Field(None, description="time of the corner", examples=[60.0])
-    place: Place | None = Field(None, description="place of the front at the corner", examples=[1200.0])
+    time: Time | None = option(None, "time of the corner", example=60.0)
+    place: Place | None = option(None, "place of the front at the corner", example=1200.0)
     speed: Speed = Field(description="speed at the corner", examples=[20.0])
 
     @model_validator(mode="after")

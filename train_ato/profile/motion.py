@@ -24,7 +24,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.elementary import plain_sum
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.traction import Envelope
 from plant_sim.units import Acceleration, Jerk, Number, Place, Speed, Time, Usual
 from train_ato.messages.types import Array
@@ -179,23 +179,21 @@ class SpeedPoint(SiModel):
 class MotionLimits(SiModel):
     """Limits of a profile from phases or points."""
 
-    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(0.5, gt=0, description="largest jerk; null: no limit")
-    jerk_braking: Jerk | None = Field(None, gt=0, description="largest jerk in braking; default: jerk", examples=[0.3])
-    acceleration: Annotated[Acceleration, Usual(1e-3, 10)] = Field(0.8, gt=0, description="largest acceleration")
-    deceleration: Annotated[Acceleration, Usual(1e-3, 10)] = Field(
-        0.8, gt=0, description="largest deceleration, a positive value"
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = option(0.5, "largest jerk; null: no limit", gt=0)
+    jerk_braking: Jerk | None = option(None, "largest jerk in braking; default: jerk", example=0.3, gt=0)
+    acceleration: Annotated[Acceleration, Usual(1e-3, 10)] = option(0.8, "largest acceleration", gt=0)
+    deceleration: Annotated[Acceleration, Usual(1e-3, 10)] = option(0.8, "largest deceleration, a positive value", gt=0)
+    acceleration_over_speed: tuple[SpeedPoint, ...] = option(
+        (), "further limit of the acceleration, linear between its points"
     )
-    acceleration_over_speed: tuple[SpeedPoint, ...] = Field(
-        (), description="further limit of the acceleration, linear between its points"
+    deceleration_over_speed: tuple[SpeedPoint, ...] = option(
+        (), "further limit of the deceleration, linear between its points"
     )
-    deceleration_over_speed: tuple[SpeedPoint, ...] = Field(
-        (), description="further limit of the deceleration, linear between its points"
+    traction_fraction: Number | None = option(
+        None, "largest used part of the traction envelope; default: no limit", example=0.9, gt=0, le=1
     )
-    traction_fraction: Number | None = Field(
-        None, gt=0, le=1, description="largest used part of the traction envelope; default: no limit", examples=[0.9]
-    )
-    brake_fraction: Number | None = Field(
-        None, gt=0, le=1, description="largest used part of the brake envelope; default: no limit", examples=[0.9]
+    brake_fraction: Number | None = option(
+        None, "largest used part of the brake envelope; default: no limit", example=0.9, gt=0, le=1
     )
 
     @model_validator(mode="after")
@@ -213,35 +211,24 @@ KINDS = ("accelerate_to", "brake_to", "stop_at", "cruise_for", "cruise_until", "
 class Phase(SiModel):
     """One phase of exactly one kind. Places are those of the train's front."""
 
-    accelerate_to: Speed | None = Field(
-        None, description="speed that the phase rises to; < 0: backwards", examples=[20.0]
+    accelerate_to: Speed | None = option(None, "speed that the phase rises to; < 0: backwards", example=20.0)
+    brake_to: Speed | None = option(None, "speed that the phase falls to", example=10.0)
+    stop_at: Place | None = option(
+        None, "place of the front at which the phase ends at rest, by cruising and braking", example=1200.0
     )
-    brake_to: Speed | None = Field(None, description="speed that the phase falls to", examples=[10.0])
-    stop_at: Place | None = Field(
-        None,
-        description="place of the front at which the phase ends at rest, by cruising and braking",
-        examples=[1200.0],
+    cruise_for: Time | None = option(
+        None, "duration of a phase of constant speed; at rest: of waiting", example=60.0, ge=0
     )
-    cruise_for: Time | None = Field(
-        None, ge=0, description="duration of a phase of constant speed; at rest: of waiting", examples=[60.0]
+    cruise_until: Time | None = option(
+        None, "time of the run at which a phase of constant speed ends", example=60.0, ge=0
     )
-    cruise_until: Time | None = Field(
-        None, ge=0, description="time of the run at which a phase of constant speed ends", examples=[60.0]
+    cruise_to: Place | None = option(None, "place of the front at which a phase of constant speed ends", example=1200.0)
+    at: Place | None = option(None, "place of the front at the end of accelerate_to or brake_to", example=1200.0)
+    acceleration: Acceleration | None = option(
+        None, "largest acceleration and deceleration of this phase; default: as in limits", example=0.5, gt=0
     )
-    cruise_to: Place | None = Field(
-        None, description="place of the front at which a phase of constant speed ends", examples=[1200.0]
-    )
-    at: Place | None = Field(
-        None, description="place of the front at the end of accelerate_to or brake_to", examples=[1200.0]
-    )
-    acceleration: Acceleration | None = Field(
-        None,
-        gt=0,
-        description="largest acceleration and deceleration of this phase; default: as in limits",
-        examples=[0.5],
-    )
-    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(
-        None, gt=0, description="largest jerk of this phase; default: as in limits", examples=[0.3]
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = option(
+        None, "largest jerk of this phase; default: as in limits", example=0.3, gt=0
     )
 
     @model_validator(mode="after")

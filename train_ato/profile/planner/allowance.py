@@ -7,12 +7,12 @@ The forms are those of UIC leaflet 451-1 (per cent, minutes per 100 km) and of t
 import re
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from plant_sim.chainage import parse_post
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Ratio, Time, Usual
 
 PER_DISTANCE = 100e3
@@ -24,24 +24,18 @@ MIN_DISTANCE = 1.0
 class Allowance(SiModel):
     """Supplement on the least running time, on the whole plan or between two places; several of them add up."""
 
-    share: Annotated[Ratio | None, Usual(1e-3, 1)] = Field(
-        None, ge=0, le=10, description="part of the least running time", examples=[0.05]
+    share: Annotated[Ratio | None, Usual(1e-3, 1)] = option(
+        None, "part of the least running time", example=0.05, ge=0, le=10
     )
-    per_100km: Annotated[Time | None, Usual(6, 7200)] = Field(
-        None, ge=0, le=36_000, description="time per 100 km", examples=[90.0]
+    per_100km: Annotated[Time | None, Usual(6, 7200)] = option(None, "time per 100 km", example=90.0, ge=0, le=36_000)
+    per_stop: Annotated[Time | None, Usual(1, 1200)] = option(
+        None, "time for every stop after the first, the last one included", example=10.0, ge=0, le=36_000
     )
-    per_stop: Annotated[Time | None, Usual(1, 1200)] = Field(
-        None, ge=0, le=36_000, description="time for every stop after the first, the last one included", examples=[10.0]
+    begin: Place | str | None = option(
+        None, "place of the front at which it begins, or a post 12+345; default: as in the plan", example=1200.0
     )
-    begin: Place | str | None = Field(
-        None,
-        description="place of the front at which it begins, or a post 12+345; default: as in the plan",
-        examples=[1200.0],
-    )
-    end: Place | str | None = Field(
-        None,
-        description="place of the front at which it ends, or a post 12+345; default: as in the plan",
-        examples=[5400.0],
+    end: Place | str | None = option(
+        None, "place of the front at which it ends, or a post 12+345; default: as in the plan", example=5400.0
     )
 
     @model_validator(mode="after")

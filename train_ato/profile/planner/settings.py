@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist
 from plant_sim.line import Line
-from plant_sim.si_model import SiModel
+from plant_sim.si_model import SiModel, option
 from plant_sim.units import Acceleration, Jerk, Length, Number, Place, Power, Speed, Time, Usual
 from train_ato.profile.planner.allowance import Allowance
 from train_ato.profile.planner.timing_points import TimingPoint, check_points
@@ -26,79 +26,69 @@ OF_TRAIN = {
 class PlanSettings(SiModel):
     """Service limits, force margin, stops and timetable of a plan; places are those of the train's front."""
 
-    begin: Place | None = Field(
-        None,
-        description="place of the front at departure; default: first of several stops, or begin of the line",
-        examples=[100.0],
+    begin: Place | None = option(
+        None, "place of the front at departure; default: first of several stops, or begin of the line", example=100.0
     )
-    end: Place | None = Field(
-        None,
-        description="place of the front at arrival; default: the last stop, or the end of the line",
-        examples=[12e3],
+    end: Place | None = option(
+        None, "place of the front at arrival; default: the last stop, or the end of the line", example=12e3
     )
-    calling: bool = Field(True, description="stops at the intermediate stops of the line")
-    departure: Time | None = Field(
+    calling: bool = option(True, "stops at the intermediate stops of the line")
+    departure: Time | None = option(
         None,
+        "time of the first movement; default: 0, in a scenario from rest the delay and lag of the command",
+        example=10.0,
         ge=0,
-        description="time of the first movement; default: 0, in a scenario from rest the delay and lag of the command",
-        examples=[10.0],
     )
-    dwell: Annotated[Time | None, Usual(2, 14400)] = Field(
-        None, ge=0, description="time at rest at every intermediate stop; default: as in the stop", examples=[30.0]
+    dwell: Annotated[Time | None, Usual(2, 14400)] = option(
+        None, "time at rest at every intermediate stop; default: as in the stop", example=30.0, ge=0
     )
-    time: Time | None = Field(
+    time: Time | None = option(
         None,
+        "running time of the timetable from departure to arrival, with dwell times; default: minimum time",
+        example=900.0,
         gt=0,
-        description="running time of the timetable from departure to arrival, with dwell times; default: minimum time",
-        examples=[900.0],
     )
-    allowance: tuple[Allowance, ...] = Field(
-        (),
-        description="supplements on the least running time, in place of time",
-        examples=[[{"share": 0.05}, {"per_stop": 10.0}]],
+    allowance: tuple[Allowance, ...] = option(
+        (), "supplements on the least running time, in place of time", example=[{"share": 0.05}, {"per_stop": 10.0}]
     )
-    points: tuple[TimingPoint, ...] | None = Field(
+    points: tuple[TimingPoint, ...] | None = option(
         None,
-        description="timing points of a journey, in place of begin, end, calling and time",
-        examples=[[{"at": 0.0, "stop": True}, {"at": 12e3, "stop": True}]],
+        "timing points of a journey, in place of begin, end, calling and time",
+        example=[{"at": 0.0, "stop": True}, {"at": 12e3, "stop": True}],
     )
-    acceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = Field(
-        1.0, gt=0, description="largest acceleration in service; null: limited by the train only"
+    acceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = option(
+        1.0, "largest acceleration in service; null: limited by the train only", gt=0
     )
-    deceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = Field(
-        0.8, gt=0, description="largest deceleration in service; null: limited by the train only"
+    deceleration: Annotated[Acceleration | None, Usual(1e-3, 10)] = option(
+        0.8, "largest deceleration in service; null: limited by the train only", gt=0
     )
-    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = Field(0.5, gt=0, description="largest jerk; null: no limit")
-    force_margin: Number = Field(
-        0.1, ge=0, lt=1, description="part of the traction and brake envelopes that is reserved for the controller"
+    jerk: Annotated[Jerk | None, Usual(2e-4, 100)] = option(0.5, "largest jerk; null: no limit", gt=0)
+    force_margin: Number = option(
+        0.1, "part of the traction and brake envelopes that is reserved for the controller", ge=0, lt=1
     )
-    speed_max: Annotated[Speed | None, Usual(0.5, 200)] = Field(
+    speed_max: Annotated[Speed | None, Usual(0.5, 200)] = option(
         None,
-        gt=0,
-        description="largest speed; default: as in plan_limits of the train, else the end of the traction envelope, at "
+        "largest speed; default: as in plan_limits of the train, else the end of the traction envelope, at "
         "most 98 % of that of the brakes",
-        examples=[20.0],
+        example=20.0,
+        gt=0,
     )
-    efficiency: Annotated[Number, Usual(0.2, 1)] = Field(
-        1.0, gt=0, le=1, description="traction work over the energy taken from the line", examples=[0.85]
+    efficiency: Annotated[Number, Usual(0.2, 1)] = option(
+        1.0, "traction work over the energy taken from the line", example=0.85, gt=0, le=1
     )
-    recovered: Number = Field(
-        0.0, ge=0, le=1, description="part of the electric brake work that returns to the line", examples=[0.6]
+    recovered: Number = option(0.0, "part of the electric brake work that returns to the line", example=0.6, ge=0, le=1)
+    auxiliary: Annotated[Power, Usual(500, 20e6)] = option(
+        0.0, "auxiliary power, which is part of the net energy at all times", example=100e3, ge=0
     )
-    auxiliary: Annotated[Power, Usual(500, 20e6)] = Field(
-        0.0, ge=0, description="auxiliary power, which is part of the net energy at all times", examples=[100e3]
+    begin_speed: Speed = option(0.0, "speed at the begin", example=20.0, ge=0)
+    end_speed: Speed = option(0.0, "speed at the end", example=20.0, ge=0)
+    air_brake: bool = option(
+        True, "use of the air brake of the train; in a scenario up to the reduction of brake.policy"
     )
-    begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin", examples=[20.0])
-    end_speed: Speed = Field(0.0, ge=0, description="speed at the end", examples=[20.0])
-    air_brake: bool = Field(
-        True, description="use of the air brake of the train; in a scenario up to the reduction of brake.policy"
-    )
-    point_mass: bool = Field(
-        False, description="train as a point at its front, where speed limits, grades and curves end"
-    )
+    point_mass: bool = option(False, "train as a point at its front, where speed limits, grades and curves end")
 
-    grade_over_length: bool = Field(
-        False, description="averages of grades, curves and tunnels over the length of each vehicle, as in the plant"
+    grade_over_length: bool = option(
+        False, "averages of grades, curves and tunnels over the length of each vehicle, as in the plant"
     )
 
     @property
@@ -143,34 +133,34 @@ class PlanSettings(SiModel):
 class ReplanSpec(SiModel):
     """Re-planning during the run after a lack of force; ``replan: {}`` uses the defaults."""
 
-    speed_error: Annotated[Speed, Usual(0.005, 15)] = Field(
-        0.2, gt=0, description="mean speed error over the window that starts the detection"
+    speed_error: Annotated[Speed, Usual(0.005, 15)] = option(
+        0.2, "mean speed error over the window that starts the detection", gt=0
     )
-    position_error: Length = Field(1.0, gt=0, description="growing position error that starts the detection")
-    confirmation_time: Time = Field(
-        1.0, gt=0, le=60, description="duration of constant force with a growing error; at least delay + 3 lag"
+    position_error: Length = option(1.0, "growing position error that starts the detection", gt=0)
+    confirmation_time: Time = option(
+        1.0, "duration of constant force with a growing error; at least delay + 3 lag", gt=0, le=60
     )
-    lead: Time = Field(
-        1.0, ge=0, le=60, description="time from the decision to the start of the new profile; at least delay + lag"
+    lead: Time = option(
+        1.0, "time from the decision to the start of the new profile; at least delay + lag", ge=0, le=60
     )
-    interval: Time = Field(5.0, ge=0, description="least time between two decisions, doubled after each refused one")
-    both_ways: bool = Field(True, description="less brake force after a lack of traction, and vice versa")
-    retry: Time | None = Field(
-        None, gt=0, description="time after which the full traction is assumed again; default: never", examples=[120.0]
+    interval: Time = option(5.0, "least time between two decisions, doubled after each refused one", ge=0)
+    both_ways: bool = option(True, "less brake force after a lack of traction, and vice versa")
+    retry: Time | None = option(
+        None, "time after which the full traction is assumed again; default: never", example=120.0, gt=0
     )
-    catch_up: bool = Field(
-        False, description="return to the timetable at the least net energy; false: never faster than the first profile"
+    catch_up: bool = option(
+        False, "return to the timetable at the least net energy; false: never faster than the first profile"
     )
-    lateness: Time | None = Field(
+    lateness: Time | None = option(
         None,
+        "with catch_up: lateness or earliness from which the rest is planned again; default: never",
+        example=5.0,
         gt=0,
-        description="with catch_up: lateness or earliness from which the rest is planned again; default: never",
-        examples=[5.0],
     )
-    plan: PlanSettings | None = Field(
+    plan: PlanSettings | None = option(
         None,
-        description="service limits and force_margin of the new plan; default: those of the first plan",
-        examples=[{"deceleration": 0.6}],
+        "service limits and force_margin of the new plan; default: those of the first plan",
+        example={"deceleration": 0.6},
     )
 
     @model_validator(mode="after")

@@ -21,15 +21,15 @@ from plant_sim.chainage import rows_with_places
 from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, note_lost_keys, read_data
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
-from plant_sim.si_model import SiModel, Source
+from plant_sim.si_model import SiModel, Source, option
 from plant_sim.units import Place, Speed, Time
 
 
 class TimeWindow(SiModel):
     """Earliest and latest time; each may be left out."""
 
-    earliest: Time | None = Field(None, ge=0, description="earliest time", examples=[120.0])
-    latest: Time | None = Field(None, ge=0, description="latest time", examples=[130.0])
+    earliest: Time | None = option(None, "earliest time", example=120.0, ge=0)
+    latest: Time | None = option(None, "latest time", example=130.0, ge=0)
 
     @model_validator(mode="after")
     def _order(self) -> TimeWindow:
@@ -43,8 +43,8 @@ class TimeWindow(SiModel):
 class SpeedWindow(SiModel):
     """Least and largest speed at a place; each may be left out."""
 
-    least: Speed | None = Field(None, ge=0, description="lowest speed", examples=[10.0])
-    most: Speed | None = Field(None, gt=0, description="highest speed", examples=[20.0])
+    least: Speed | None = option(None, "lowest speed", example=10.0, ge=0)
+    most: Speed | None = option(None, "highest speed", example=20.0, gt=0)
 
     @model_validator(mode="after")
     def _order(self) -> SpeedWindow:
@@ -59,13 +59,13 @@ class TimingPoint(SiModel):
     """A place with the times at which the train stops there or passes it."""
 
     at: Place = Field(description="place of the front; in a journey file also a post 12+345", examples=[1200.0])
-    name: str = Field("", max_length=100, description="name of the station", examples=["Market"])
-    stop: bool = Field(False, description="stop at this place; arrival, departure or dwell imply it")
-    arrival: TimeWindow | None = Field(None, description="window of the arrival")
-    departure: TimeWindow | None = Field(None, description="window of the departure")
-    passing: TimeWindow | None = Field(None, description="window of passing without a stop")
-    dwell: Time | None = Field(None, ge=0, description="least time at rest; default: 0", examples=[30.0])
-    speed: SpeedWindow | None = Field(None, description="window of the speed when passing")
+    name: str = option("", "name of the station", example="Market", max_length=100)
+    stop: bool = option(False, "stop at this place; arrival, departure or dwell imply it")
+    arrival: TimeWindow | None = option(None, "window of the arrival")
+    departure: TimeWindow | None = option(None, "window of the departure")
+    passing: TimeWindow | None = option(None, "window of passing without a stop")
+    dwell: Time | None = option(None, "least time at rest; default: 0", example=30.0, ge=0)
+    speed: SpeedWindow | None = option(None, "window of the speed when passing")
 
     @property
     def stops(self) -> bool:
