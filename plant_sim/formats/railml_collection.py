@@ -21,14 +21,6 @@ from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
 from plant_sim.units import number_text
 
 
-class _RefusedDocumentType(Exception):
-    """An XML file has a document type, which may declare entities."""
-
-
-def _refuse_document_type(*_: object) -> None:
-    raise _RefusedDocumentType
-
-
 @dataclass(frozen=True, slots=True)
 class Entry:
     """Element of an XML file, and the name of the file for messages."""
@@ -88,13 +80,15 @@ class Entry:
 def read_xml(path: Path) -> Entry:
     """Return the root of an XML file without document type and entities."""
     text = read_bytes(path)
+
+    def refuse_document_type(*_: object) -> None:
+        raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them")
+
     try:
         first = ParserCreate()  # entities need a document type, so this parser refuses them before they are expanded
-        first.StartDoctypeDeclHandler = _refuse_document_type
+        first.StartDoctypeDeclHandler = refuse_document_type
         first.Parse(text, True)
         return Entry(fromstring(text), str(path))
-    except _RefusedDocumentType:
-        raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them") from None
     except (ExpatError, ParseError, LookupError, UnicodeError) as error:
         raise ValueError(f"{path}: not valid XML: {' '.join(str(error).split())[:200]}; correct it") from None
 
