@@ -58,6 +58,9 @@ def test_of_several_runs_the_one_of_the_environment_is_meant(monkeypatch: pytest
             ValueError, match=f"ROS_DOMAIN_ID {free}: no run .*holds it; .*; give --domain N, or unset it"
         ):
             resolve_domain(None)  # never another run than that of the variable
+        with monkeypatch.context() as network:
+            network.setenv("ROS_STATIC_PEERS", "127.0.0.1")  # its lock is on the other host
+            assert resolve_domain(None) == free
         monkeypatch.delenv("ROS_DOMAIN_ID")
         with pytest.raises(ValueError, match="several runs are in progress"):
             resolve_domain(None)

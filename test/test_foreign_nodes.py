@@ -278,6 +278,15 @@ def test_an_answer_that_comes_after_the_next_request_counts(monkeypatch):
     warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
 
 
+def test_a_second_publisher_that_goes_on_does_not_hold_the_recorder():
+    """Breaks if a recorder by hand waits for ever for the end of a stranger that has failed the run."""
+    for wrong, end in itertools.product((None, ValueError()), (None, "notice")):
+        node, ends = SimpleNamespace(poll=lambda: 1, wrong=wrong), SimpleNamespace(end=end)
+        recorder = SimpleNamespace(node=node, endpoints=ends, last_heard=0.0, first_heard=0.0)
+        runner.StandaloneRunner._poll(recorder)
+        assert (recorder.last_heard > 0.0) == (wrong is None or end is None)
+
+
 CUT = b"\x00\x01\x00\x00" + bytes(5)
 
 

@@ -187,7 +187,8 @@ def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[in
 
     if options.scenario is None:
         domain = resolve_domain(options.domain, options.namespace)
-        yield domain, _waiting(lambda: _check_held(domain, options.namespace), interrupt)
+        here = domain in held_domains(options.namespace)  # not that of another host
+        yield domain, _waiting(lambda: _check_held(domain, options.namespace) if here else None, interrupt)
         return
     with claim_domain() as domain:
         pass

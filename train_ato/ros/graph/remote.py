@@ -9,7 +9,7 @@ from typing import Any
 from plant_sim.input_error import close_match
 from train_ato.ros import require_ros
 from train_ato.ros.graph.domain_lock import TRAINS, locked_runs
-from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, variables
+from train_ato.ros.graph.environment import applied, domain_of_environment, held_domains, opened_by, variables
 from train_ato.scenario.leader import check_namespace
 
 WAIT_S = 30.0
@@ -20,6 +20,8 @@ ELSEWHERE_S = 5.0
 
 def resolve_domain(wanted: int | None, namespace: str = "") -> int:
     """Return the wanted domain, else the domain of ``ROS_DOMAIN_ID``, or that of the only run with this namespace.
+
+    The run of another host has no lock here: where other hosts may join, a named domain is not checked.
 
     Raises
     ------
@@ -34,7 +36,7 @@ def resolve_domain(wanted: int | None, namespace: str = "") -> int:
         raise ValueError(f"--namespace {error}") from None
     own = domain_of_environment() if wanted is None else None
     for name, domain in (("--domain", wanted), ("ROS_DOMAIN_ID", own)):
-        if domain is not None and domain not in held:
+        if domain is not None and domain not in held and not opened_by():
             remedy = "" if own is None else "; give --domain N, or unset it"
             raise ValueError(f"{name} {domain}: no run{_of(namespace, domain)} holds it; running: {_listed()}{remedy}")
         if domain is not None:

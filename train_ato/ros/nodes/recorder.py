@@ -54,6 +54,8 @@ class RecorderNode:
     ----------
     closed : bool
         True after the log is closed.
+    wrong : ValueError or None
+        First fault of the record in a supervised run, which goes on until the train is stopped.
     """
 
     def __init__(
@@ -69,7 +71,7 @@ class RecorderNode:
         self._of_plant = [name for name in self._ticking if Role.PLANT in BY_NAME[name].publishers]
         self._last: dict[str, int] = {}
         self._last_due = last_due
-        self._wrong: ValueError | None = None
+        self.wrong: ValueError | None = None
         self._held: list[Received] = []
         self._suspended, self._polled = 0.0, time.monotonic()
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
@@ -122,7 +124,7 @@ class RecorderNode:
         waiting: list[Received] = []
         wrong: ValueError | None = None
         last_stamps = self._last
-        watched = self._wrong is None  # one failure is enough; its search takes time
+        watched = self.wrong is None  # one failure is enough; its search takes time
         for name, number, take, source in self._takers:
             try:
                 clock, last_due = name == "/clock", self._last_due.get(name, sys.maxsize)
@@ -153,8 +155,8 @@ class RecorderNode:
             wrong = ValueError(f"{wrong}; its process was suspended for {self.suspended:.1f} s")
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
-        if wrong is not None and self._wrong is None:
-            self._wrong = wrong
+        if wrong is not None and self.wrong is None:
+            self.wrong = wrong
             self.endpoints.note(f"the run will fail: node {getattr(wrong, 'node', self.endpoints.name)}: {wrong}")
         self._acknowledge()
         self.endpoints.answer_requests()
@@ -240,8 +242,8 @@ class RecorderNode:
                 self.poll(last=True)
         finally:
             self.log.close()
-        if self._wrong is not None:
-            raise self._wrong
+        if self.wrong is not None:
+            raise self.wrong
         if published is None:
             self._check_last()
         for name, recorded in self.log.counts.items():

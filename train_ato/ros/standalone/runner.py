@@ -312,7 +312,8 @@ class StandaloneRunner:
         return self.endpoints.end is not None and time.monotonic() - self.last_heard > SILENCE_S
 
     def _poll(self) -> None:
-        if self.node.poll():
+        # a second publisher, which has failed the run, may go on for ever
+        if self.node.poll() and not (self.node.wrong and self.endpoints.end):
             self.last_heard = time.monotonic()
             self.first_heard = self.first_heard or self.last_heard
 
