@@ -17,13 +17,7 @@ REMEDY = (
 
 
 def require_ros() -> None:
-    """Check that ROS 2 is installed, and the middleware of ``RMW_IMPLEMENTATION``.
-
-    Raises
-    ------
-    ValueError
-        With the remedy.
-    """
+    """Check that ROS 2 is installed, and the middleware of ``RMW_IMPLEMENTATION``."""
     if importlib.util.find_spec("rclpy") is None:
         raise ValueError(f"ROS 2 is not installed (no rclpy); {REMEDY}")
     wanted = os.environ.get(_MIDDLEWARE, "")

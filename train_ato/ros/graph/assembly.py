@@ -87,13 +87,7 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
 
 
 def check_arguments(arguments: Sequence[str], role: Role) -> None:
-    """Check the ``--ros-args`` of a node with a context and a node of their own.
-
-    Raises
-    ------
-    ValueError
-        For malformed arguments, a missing or malformed parameter file, or another name of the node.
-    """
+    """Check the ``--ros-args`` of a node with a context and a node of their own."""
     if not arguments:
         return
     context = Context()
@@ -170,13 +164,7 @@ def make_node(
     *,
     recorded: bool = True,
 ) -> Any:
-    """Return the node of a role; ``recorded`` limits the lead of the plant over the recorder.
-
-    Raises
-    ------
-    ValueError
-        If a start parameter is refused, or the log cannot be written.
-    """
+    """Return the node of a role; ``recorded`` limits the lead of the plant over the recorder."""
     serve_lifecycle(endpoints)
     if role is Role.PLANT:
         compile_kernel()

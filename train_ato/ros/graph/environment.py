@@ -30,13 +30,7 @@ def discovery_profile(name: str = "fastdds.xml") -> Path:
 
 
 def opened_by() -> str | None:
-    """Return the environment variable that permits other hosts of the network; None if they are excluded.
-
-    Raises
-    ------
-    ValueError
-        If a profile file does not exist or is none, or a discovery range is unknown.
-    """
+    """Return the environment variable that permits other hosts of the network; None if they are excluded."""
     own_profile = os.environ.get(_PROFILE)
     if own_profile and not Path(own_profile).is_file():
         raise ValueError(f"{_PROFILE}={own_profile}: no such file; name a profile, or unset {_PROFILE}")
@@ -71,11 +65,6 @@ def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
     ----------
     profile
         Name of the shipped profile for this machine only.
-
-    Raises
-    ------
-    ValueError
-        As :func:`opened_by`, or if a host of ``ROS_STATIC_PEERS`` is not found.
     """
     opened = opened_by()
     peers = os.environ.get(_PEERS, "")

@@ -22,11 +22,6 @@ def resolve_domain(wanted: int | None, namespace: str = "") -> int:
     """Return the wanted domain, else the domain of ``ROS_DOMAIN_ID``, or that of the only run with this namespace.
 
     The run of another host has no lock here: where other hosts may join, a named domain is not checked.
-
-    Raises
-    ------
-    ValueError
-        If no run holds the domain, there are several runs and none was named, or ROS 2 has no such namespace.
     """
     require_ros()
     try:
@@ -70,7 +65,7 @@ def _listed() -> str:
 
 
 class GraphClient:
-    """Client of the nodes on a domain, with its own node and executor."""
+    """Client of the nodes on a domain; a missing or silent node, parameter or service is a ``ValueError``."""
 
     def __init__(self, node: Any, executor: Any, domain: int) -> None:
         self._node = node
@@ -84,17 +79,12 @@ class GraphClient:
         -------
         str or None
             The reason if the node refused, else None.
-
-        Raises
-        ------
-        ValueError
-            If the node or the parameter is missing, or the node does not answer.
         """
         done, text = self.change_parameters(node, {name: value})
         return None if done else text
 
     def change_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
-        """Set parameters of a running node, all or none; errors as :meth:`set_parameter`.
+        """Set parameters of a running node, all or none.
 
         Returns
         -------
@@ -119,13 +109,7 @@ class GraphClient:
         return bool(result.successful), str(result.reason)
 
     def parameter(self, node: str, name: str) -> Any:
-        """Return the value of a parameter of a running node, None if it has no value.
-
-        Raises
-        ------
-        ValueError
-            If the node is missing or does not answer.
-        """
+        """Return the value of a parameter of a running node, None if it has no value."""
         from rclpy.parameter import parameter_value_to_python
         from rclpy.parameter_client import AsyncParameterClient
 
@@ -135,13 +119,7 @@ class GraphClient:
         return parameter_value_to_python(value)
 
     def call(self, service: str, data: bool | None = None) -> tuple[bool, str]:
-        """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` with ``data``.
-
-        Raises
-        ------
-        ValueError
-            If the service is missing or does not answer.
-        """
+        """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` with ``data``."""
         from std_srvs.srv import SetBool, Trigger
 
         client = self._node.create_client(Trigger if data is None else SetBool, service)
@@ -151,13 +129,7 @@ class GraphClient:
         return bool(response.success), str(response.message)
 
     def _find(self, ready: Callable[[float], bool], what: str, node: str) -> None:
-        """Wait for a service of a node.
-
-        Raises
-        ------
-        ValueError
-            Without one, with the namespaces of such nodes, or the program in place of the node.
-        """
+        """Wait for a service of a node."""
         from train_ato.ros.nodes.publishers import in_place_of
 
         own = self._node.get_namespace()

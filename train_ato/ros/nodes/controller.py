@@ -32,13 +32,7 @@ PARAMETER = "law"
 
 
 class ControllerNode:
-    """ROS node of the control stack; sends one answer per stamp.
-
-    Raises
-    ------
-    ValueError
-        If a start parameter is unknown, out of range or refused by the law.
-    """
+    """ROS node of the control stack; sends one answer per stamp."""
 
     def __init__(self, stage: ControllerStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
@@ -51,7 +45,7 @@ class ControllerNode:
         self._advice = ""
         self._declare()
         endpoints.parameter_services.on_accepted = lambda: self._advice
-        endpoints.counter = self._inputs
+        endpoints.ignored = lambda: self.ignored
         endpoints.awaited = lambda: KINDS.get(self._inputs.awaited, "")
         endpoints.subscribe({topic: partial(self._step, kind) for kind, topic in KINDS.items()}, stage.setup.tick_ns)
         for request in REQUESTS:

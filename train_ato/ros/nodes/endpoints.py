@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from rcl_interfaces.msg import Log as LogMessage
 from rclpy.clock import Clock, ClockType
@@ -91,12 +91,6 @@ def _of_ticks(handler: Callable[[Any], None], tick_ns: int) -> Callable[[Any], N
     return receive
 
 
-class HasIgnored(Protocol):
-    """Counter of messages that were read and not used."""
-
-    ignored: int
-
-
 class NodeEndpoints:
     """Node with its publishers, subscriptions and message counts.
 
@@ -129,8 +123,8 @@ class NodeEndpoints:
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     awaited : callable
         Returns the topic for which the node waits, "" for none.
-    counter : object
-        Its ``ignored`` is the number of messages that the node has read and not used; the first of each topic is named.
+    ignored : callable
+        Returns the number of messages that the node has read and not used; the first of each topic is named.
     lacking : callable
         Returns further missing conditions for the start.
     on_note : callable
@@ -164,7 +158,7 @@ class NodeEndpoints:
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
         self.awaited: Callable[[], str] = lambda: ""
-        self.counter: HasIgnored | None = None
+        self.ignored: Callable[[], int] = lambda: 0
         self.lacking: Callable[[], list[str]] = list
         self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
         self._ignored, self._unused = 0, set[str]()
@@ -324,9 +318,8 @@ class NodeEndpoints:
                         sender = source.name or "/".join(role.value for role in topic.publishers)
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
-                    counter = self.counter
-                    if counter is not None and counter.ignored != self._ignored:
-                        self._ignored = counter.ignored
+                    if (ignored := self.ignored()) != self._ignored:
+                        self._ignored = ignored
                         self.name_unused(name, message.stamp)
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)

@@ -37,13 +37,7 @@ class Declared:
 
 
 def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
-    """Declare parameters on a node and return their values, with the start parameters applied.
-
-    Raises
-    ------
-    ValueError
-        For a start parameter with an unknown name, a wrong type or out of range; one line with the remedy.
-    """
+    """Declare parameters on a node and return their values, with the start parameters applied."""
     names = [parameter.name for parameter in parameters]
     for given in node._parameter_overrides:
         known = given in names or given in _CLOCK or _of_another_node(given)

@@ -26,14 +26,10 @@ from train_ato.ros.nodes.publishers import wait_for_names
 
 ACKNOWLEDGE_EVERY = 100
 """Ticks between two messages on ``recorder/progress``."""
-
-
 _SHARED = "/diagnostics"
 """Topic that every node publishes, and other programs."""
 HOLD_S = 0.5
 """Longest wall time for which a message waits for a topic of its tick without messages [s]."""
-
-
 Received = tuple[int, int, int, bytes, float]
 """Message of a topic: stamp and time of receipt [ns], number of the topic, bytes, and time of reading [s]."""
 

@@ -43,7 +43,7 @@ class ProfileNode:
         self._heard = -1 if stage.setup.layout.behind else sys.maxsize
         self._last = -1
         self._period_ns = stage.setup.supervision_ticks * stage.setup.tick_ns
-        endpoints.counter = self
+        endpoints.ignored = lambda: self.ignored
         endpoints.awaited = lambda: "" if self._held is None else "ato/state"
         endpoints.subscribe({"train/measurement": self._on_measurement}, stage.setup.tick_ns)
         endpoints.subscribe({"ato/state": self._on_report, AHEAD: self._on_ahead})
@@ -100,7 +100,7 @@ class SupervisorNode:
         self.stage = stage
         self.endpoints = endpoints
         self.ignored = 0
-        endpoints.counter = self
+        endpoints.ignored = lambda: self.ignored
         self._odometry: Odometry | None = None
         self._ahead: TrainAhead | None = None
         self._heard = -1 if stage.setup.layout.behind else sys.maxsize
@@ -132,18 +132,12 @@ class SupervisorNode:
 
 
 class ObserverNode:
-    """ROS node of the observer of the scenario, or of the start parameter ``observer``.
-
-    Raises
-    ------
-    ValueError
-        If a start parameter is unknown, out of range or refused by the observer.
-    """
+    """ROS node of the observer of the scenario, or of the start parameter ``observer``."""
 
     def __init__(self, setup: RunSetup, endpoints: NodeEndpoints) -> None:
         self.endpoints = endpoints
         self.ignored = 0
-        endpoints.counter = self
+        endpoints.ignored = lambda: self.ignored
         changed = self._declared(setup)
         scenario = RunChanges(given={self.endpoints.name: changed}).begun(setup.scenario)
         self.stage = ObserverStage(replace(setup, scenario=scenario), changed)

@@ -59,13 +59,7 @@ class Notice:
 
     @classmethod
     def of(cls, line: str) -> "Notice":
-        """Return the notice of a line.
-
-        Raises
-        ------
-        ValueError
-            If the line has another form.
-        """
+        """Return the notice of a line."""
         kind, _, rest = line.partition(" ")
         role, _, text = rest.partition(" ")
         return cls(NoticeKind(kind), Role(role), text)
