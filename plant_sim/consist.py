@@ -374,10 +374,8 @@ class Consist(SiModel):
         description="types and numbers of the vehicles, front first",
         examples=[[{"type": "car", "count": 6}]],
     )
-    draft_gears: dict[str, DraftGear] = Field(
-        default_factory=dict,
-        description="draft gears by name",
-        examples=[{"bar": {"kind": "linear", "stiffness": 20e6, "damping": 0.5e6}}],
+    draft_gears: dict[str, DraftGear] = option(
+        {}, "draft gears by name", example={"bar": {"kind": "linear", "stiffness": 20e6, "damping": 0.5e6}}
     )
     default_gear: str | None = option(None, "draft gear of every coupler that couplings does not list", example="bar")
     couplings: tuple[Coupling, ...] = option(
@@ -400,10 +398,10 @@ class Consist(SiModel):
         "nearest pantograph, and from the front one of two equally near. By default it has its own",
         example=[1, 4],
     )
-    kept: dict[str, dict[str, Any]] = Field(
-        default_factory=dict,
-        description="keys of a foreign format without effect here, by format; convert writes them back",
-        examples=[{"osrd": {"startup_time": 10.0}}],
+    kept: dict[str, dict[str, Any]] = option(
+        {},
+        "keys of a foreign format without effect here, by format; convert writes them back",
+        example={"osrd": {"startup_time": 10.0}},
     )
 
     @model_validator(mode="after")

@@ -134,10 +134,10 @@ class Mismatch(SiModel):
         ge=0,
     )
     actuator_gain: Number = option(1.0, "factor of every unit from its command to its force", example=1.1, ge=0)
-    gears: dict[str, DraftGear | str] = Field(
-        default_factory=dict,
-        description="draft gears by name and their replacements: a gear, or the name of one of the consist",
-        examples=[{"bar": {"kind": "linear", "stiffness": 15e6}}],
+    gears: dict[str, DraftGear | str] = option(
+        {},
+        "draft gears by name and their replacements: a gear, or the name of one of the consist",
+        example={"bar": {"kind": "linear", "stiffness": 15e6}},
     )
 
 

@@ -34,11 +34,7 @@ class TrainOfFollowing(SiModel):
         description="name of the train and of its run folder", examples=["t2"]
     )
     scenario: str = Field(description="SCENARIO[:variant...], as for `train-ato run`", examples=["daqin_heavy_haul"])
-    set: dict[str, Any] = Field(
-        default_factory=dict,
-        description="changed keys of the scenario, in levels",
-        examples=[{"leader": {"headway": 150.0}}],
-    )
+    set: dict[str, Any] = option({}, "changed keys of the scenario, in levels", example={"leader": {"headway": 150.0}})
 
 
 class FollowingCriteria(SiModel):
@@ -80,9 +76,7 @@ class FollowingSpec(SiModel):
     summary: Summary = ""
     source: Source = ""
     seed: int = option(1, "seed of the first train; each further train has the next one", ge=0, lt=2**32)
-    all: dict[str, Any] = Field(
-        default_factory=dict, description="changed keys of the scenarios of all trains", examples=[{"duration": 600.0}]
-    )
+    all: dict[str, Any] = option({}, "changed keys of the scenarios of all trains", example={"duration": 600.0})
     trains: tuple[TrainOfFollowing, ...] = Field(
         min_length=2,
         description="trains, the first one in front",

@@ -99,9 +99,7 @@ class LawChange(SiModel):
 
     at: Time = Field(ge=0, description="time of the change", examples=[60.0])
     law: str | None = option(None, "law from this time on; default: no change", example="mpc")
-    laws: Parameters = Field(
-        default_factory=dict, description="parameters of laws from this time on", examples=[{"pid": {"kp": 0.5}}]
-    )
+    laws: Parameters = option({}, "parameters of laws from this time on", example={"pid": {"kp": 0.5}})
 
     @model_validator(mode="after")
     def _changes_something(self) -> LawChange:
@@ -147,20 +145,12 @@ class Scenario(SiModel):
     observer: str = option("none", "observer, by its name in `train-ato list`")
     law: str = option("pid", "control law, by its name in `train-ato list`")
     compensation: str = option("none", "compensation of the delay, by its name in `train-ato list`")
-    observers: Parameters = Field(
-        default_factory=dict,
-        description="parameters of observers, by observer and parameter",
-        examples=[{"eso": {"omega": 2.0}}],
+    observers: Parameters = option(
+        {}, "parameters of observers, by observer and parameter", example={"eso": {"omega": 2.0}}
     )
-    laws: Parameters = Field(
-        default_factory=dict,
-        description="parameters of laws, by law and parameter",
-        examples=[{"pid": {"gains": "model"}}],
-    )
-    compensations: Parameters = Field(
-        default_factory=dict,
-        description="parameters of compensations, by compensation and parameter",
-        examples=[{"preview": {"lag": True}}],
+    laws: Parameters = option({}, "parameters of laws, by law and parameter", example={"pid": {"gains": "model"}})
+    compensations: Parameters = option(
+        {}, "parameters of compensations, by compensation and parameter", example={"preview": {"lag": True}}
     )
     hold_limit: Annotated[Time, Usual(0.01, 120)] = option(
         1.0, "longest time for which the last command is repeated without a valid new one", gt=0, le=3600
