@@ -65,8 +65,6 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
 
     Parameters
     ----------
-    plan
-        The plan.
     name
         Name of the scenario.
     profile

@@ -113,8 +113,6 @@ class WornCopy:
 
     Parameters
     ----------
-    model
-        The nominal train.
     profile
         Profile that gives the initial state.
     start
@@ -191,8 +189,6 @@ class AheadTrain:
 
     Parameters
     ----------
-    model
-        The nominal train.
     profile
         Profile to follow.
     parameters

@@ -76,8 +76,6 @@ class CompensationBase:
     ----------
     parameters
         Parameters of the subclass.
-    model
-        The nominal train.
     period
         Control period [s].
     """

@@ -165,8 +165,6 @@ class Gpc(GuardedLaw):
 
         Parameters
         ----------
-        model
-            The train.
         period
             Control period [s].
         """

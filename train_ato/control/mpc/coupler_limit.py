@@ -61,8 +61,6 @@ class CouplerLimit:
 
     Parameters
     ----------
-    model
-        The nominal train.
     limit
         Largest draft and buff [N].
     """

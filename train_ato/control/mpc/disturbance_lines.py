@@ -287,8 +287,6 @@ class DisturbanceLines:
     ----------
     units
         The coupled units.
-    model
-        The nominal train.
     period
         Control period [s].
 

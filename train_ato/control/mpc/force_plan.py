@@ -168,8 +168,6 @@ class ForcePlan:
 
     Parameters
     ----------
-    model
-        The nominal train.
     period
         Control period [s].
     omega

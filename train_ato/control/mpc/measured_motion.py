@@ -239,8 +239,6 @@ class MeasuredMotion:
 
     Parameters
     ----------
-    model
-        The nominal train.
     period
         Control period [s].
     omega, ratio

@@ -24,8 +24,6 @@ class StandstillForce:
 
     Parameters
     ----------
-    model
-        The nominal train.
     period
         Control period [s].
     """

@@ -112,8 +112,6 @@ class UnitDeviations:
 
     Parameters
     ----------
-    model
-        The nominal train.
     period
         Control period [s].
     first_weight

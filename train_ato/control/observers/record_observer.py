@@ -168,14 +168,8 @@ class RecordObserver(GuardedObserver):
 
     Parameters
     ----------
-    parameters
-        Parameters of the observer.
-    model
-        The nominal train.
     period
         Tick [s].
-    balance
-        Balance of forces.
     more
         Constants beside the parameters and those of the balance.
 
