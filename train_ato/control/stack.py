@@ -31,6 +31,8 @@ class ControlStack:
 
     Parameters
     ----------
+    model
+        The nominal train.
     period
         Period of the law [s], an integer multiple of the tick; the command is held in between.
     controller

@@ -65,6 +65,8 @@ class TakeoverRamp:
 
     Parameters
     ----------
+    model
+        The nominal train.
     jerk
         Jerk of the train by the change of the demand [m/s³].
     force : Array, shape (units,), or None

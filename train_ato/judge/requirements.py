@@ -39,6 +39,8 @@ def robustness_series(formula: stl.Formula, signals: Mapping[str, Array], tick: 
 
     Parameters
     ----------
+    formula
+        Syntax tree.
     signals : dict of Array, each of shape (k,)
         Samples by name [SI].
     tick

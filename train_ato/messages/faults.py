@@ -218,6 +218,8 @@ class FaultEffect:
 
     Parameters
     ----------
+    spec
+        The fault.
     seed, name
         Seed and key of the random stream.
     last
@@ -253,6 +255,8 @@ class FaultEffect:
         ----------
         now
             Time of the sending [ns].
+        sent
+            The message.
         arrivals
             Its arrivals after the faults before this one.
         """

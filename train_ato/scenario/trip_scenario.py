@@ -65,6 +65,8 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
 
     Parameters
     ----------
+    plan
+        The plan.
     name
         Name of the scenario.
     profile

@@ -224,6 +224,8 @@ class PredictiveBrake(BrakePolicy):
         Pressure of the charged brake pipe [Pa].
     rules
         Schedules and cost.
+    model
+        The nominal train.
     profile
         Speed profile that the train follows; the place on it is the measured one, so that a late train has the speeds
         of its place.

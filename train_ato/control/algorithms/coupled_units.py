@@ -28,6 +28,11 @@ def matrix_exponential(matrix: Array) -> Array:
 class CoupledUnits:
     """Power units coupled by linear springs, one in every vehicle.
 
+    Parameters
+    ----------
+    model
+        The nominal train.
+
     Raises
     ------
     ValueError

@@ -73,6 +73,11 @@ class UnitCouplers:
     The force of a coupler is available if the coupler carries a sensor, or if it is a linear spring without slack
     between two units.
 
+    Parameters
+    ----------
+    model
+        The nominal train.
+
     Attributes
     ----------
     records : Records of UnitCoupler, shape (2 units,)

@@ -137,6 +137,8 @@ def is_stable(model: TrainModel, period: float, response: Response, *, predicted
 
     Parameters
     ----------
+    model
+        The train.
     period
         Control period [s].
     response

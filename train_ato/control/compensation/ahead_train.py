@@ -113,6 +113,8 @@ class WornCopy:
 
     Parameters
     ----------
+    model
+        The nominal train.
     profile
         Profile that gives the initial state.
     start
@@ -189,6 +191,8 @@ class AheadTrain:
 
     Parameters
     ----------
+    model
+        The nominal train.
     profile
         Profile to follow.
     parameters

@@ -76,6 +76,8 @@ class CompensationBase:
     ----------
     parameters
         Parameters of the subclass.
+    model
+        The nominal train.
     period
         Control period [s].
     """

@@ -165,6 +165,8 @@ class Gpc(GuardedLaw):
 
         Parameters
         ----------
+        model
+            The train.
         period
             Control period [s].
         """

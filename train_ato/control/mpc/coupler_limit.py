@@ -61,6 +61,8 @@ class CouplerLimit:
 
     Parameters
     ----------
+    model
+        The nominal train.
     limit
         Largest draft and buff [N].
     """

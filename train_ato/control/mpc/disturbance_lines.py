@@ -287,6 +287,8 @@ class DisturbanceLines:
     ----------
     units
         The coupled units.
+    model
+        The nominal train.
     period
         Control period [s].
 

@@ -168,6 +168,8 @@ class ForcePlan:
 
     Parameters
     ----------
+    model
+        The nominal train.
     period
         Control period [s].
     omega

@@ -239,6 +239,8 @@ class MeasuredMotion:
 
     Parameters
     ----------
+    model
+        The nominal train.
     period
         Control period [s].
     omega, ratio

@@ -24,6 +24,8 @@ class StandstillForce:
 
     Parameters
     ----------
+    model
+        The nominal train.
     period
         Control period [s].
     """

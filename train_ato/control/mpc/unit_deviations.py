@@ -112,6 +112,8 @@ class UnitDeviations:
 
     Parameters
     ----------
+    model
+        The nominal train.
     period
         Control period [s].
     first_weight

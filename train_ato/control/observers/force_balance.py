@@ -73,6 +73,8 @@ class ForceBalance:
 
     Parameters
     ----------
+    model
+        The nominal train.
     scope
         ``vehicle``, ``train``, or ``auto``: ``vehicle`` if the forces of all couplers beside units are available.
     model_error

@@ -168,8 +168,14 @@ class RecordObserver(GuardedObserver):
 
     Parameters
     ----------
+    parameters
+        Parameters of the observer.
+    model
+        The nominal train.
     period
         Tick [s].
+    balance
+        Balance of forces.
     more
         Constants beside the parameters and those of the balance.
 
