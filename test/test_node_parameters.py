@@ -1,6 +1,7 @@
 """Parameters of the nodes: values at the start, changes and refusals."""
 
 import gc
+import warnings
 from contextlib import ExitStack
 
 import pytest
@@ -192,6 +193,7 @@ def test_the_recorder_answers_requests_although_it_is_in_no_executor(make):
     """Breaks if it offers services without an answer: `ros2 param list` waits for it."""
     bench = make(Role.CONTROLLER)
     recorder = NodeEndpoints(Role.RECORDER, bench.wire, bench.context, FirstFailure())
+    warnings.warn("failed to send response (timeout): client will not receive response", RuntimeWarning, stacklevel=1)
     client = bench.other.create_client(ListParameters, "recorder/list_parameters")
     bench.until(client.service_is_ready)
     answer = client.call_async(ListParameters.Request())

@@ -149,7 +149,7 @@ class GraphClient:
     def _answer(self, future: Any, who: str) -> Any:
         self._executor.spin_until_future_complete(future, WAIT_S)
         if not future.done():
-            raise ValueError(f"'{who}' on domain {self._domain} does not answer")
+            raise ValueError(f"'{who}' on domain {self._domain} does not answer; it may have acted all the same")
         return future.result()
 
 

@@ -4,6 +4,7 @@ import importlib
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
@@ -141,6 +142,8 @@ class NodeEndpoints:
         arguments: list[str] | None = None,
         external: Role | None = None,
     ) -> None:
+        # rclpy warns of an answer to a client that is not discovered yet, or gone; the client repeats or names it.
+        warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
         self.role, self.name, self.external = role, role.value, external
         self.wire, self.watch = wire, watch
         self.node = Node(

@@ -6,7 +6,6 @@ The answers contain the fingerprint of the node's scenario; a difference from th
 import json
 import sys
 import time
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -41,8 +40,6 @@ def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
         response.message = f"{text}{awaits}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
 
-    # rclpy warns of an answer to a plant that is not discovered yet; the plant repeats its request.
-    warnings.filterwarnings("ignore", "failed to send response", RuntimeWarning)
     endpoints.serve(SetBool, "~/ready", answer)
 
 
