@@ -171,20 +171,17 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
     assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
 
 
-@pytest.mark.parametrize(
-    ("scenario", "components"),
-    [
-        ("demo", {"law": "my_law:MyLaw"}),
-        pytest.param("demo", {"law": "my_law:MyLaw", "laws.my_law:MyLaw.gain": 0.04}, marks=pytest.mark.slow),
-        pytest.param("demo", {"law": "my_planning_law:MyPlanningLaw"}, marks=pytest.mark.slow),
-        pytest.param("crh380a_gpc:short", {"law": "my_planning_law:MyPlanningLaw", "compensation": "preview"},
-            marks=pytest.mark.slow),
-        pytest.param("demo", {"compensation": "my_compensation:MyCompensation"}, marks=pytest.mark.slow),
-        pytest.param("demo", {"observer": "my_observer:MyObserver"}, marks=pytest.mark.slow),
-        pytest.param("demo", {"observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation"},
-            marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("scenario", "components"), [
+    ("demo", {"law": "my_law:MyLaw"}),
+    pytest.param("demo", {"law": "my_law:MyLaw", "laws.my_law:MyLaw.gain": 0.04}, marks=pytest.mark.slow),
+    pytest.param("demo", {"law": "my_planning_law:MyPlanningLaw"}, marks=pytest.mark.slow),
+    pytest.param("crh380a_gpc:short", {"law": "my_planning_law:MyPlanningLaw", "compensation": "preview"},
+        marks=pytest.mark.slow),
+    pytest.param("demo", {"compensation": "my_compensation:MyCompensation"}, marks=pytest.mark.slow),
+    pytest.param("demo", {"observer": "my_observer:MyObserver"}, marks=pytest.mark.slow),
+    pytest.param("demo", {"observer": "my_observer:MyObserver", "compensation": "my_compensation:MyCompensation"},
+        marks=pytest.mark.slow),
+])  # fmt: skip
 def test_every_template_passes_where_its_docstring_runs_it(monkeypatch, scenario, components):
     """Breaks if a template oscillates, misses a criterion or the stop: it would teach the wrong gains."""
     monkeypatch.syspath_prepend(str(ROOT / "examples"))

@@ -25,13 +25,10 @@ def loaded(path: Path, name: str) -> ModuleType:
 command = loaded(BENCH / "__main__.py", "bench_command")
 
 
-@pytest.mark.parametrize(
-    ("value", "at_least", "verdict", "status"),
-    [
-        (100.0, False, "met", 0), (120.0, False, "missed", 0), (151.0, False, "missed widely", 1),
-        (100.0, True, "met", 0), (70.0, True, "missed", 0), (66.0, True, "missed widely", 1),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "at_least", "verdict", "status"), [
+    (100.0, False, "met", 0), (120.0, False, "missed", 0), (151.0, False, "missed widely", 1),
+    (100.0, True, "met", 0), (70.0, True, "missed", 0), (66.0, True, "missed widely", 1),
+])  # fmt: skip
 def test_verdict_and_exit_status(value, at_least, verdict, status, capsys):
     """Breaks if an upper bound counts as a lower one, or a wide miss gives exit status 0."""
     goal = figures.Goal("something", value, 100.0, "us", at_least=at_least)

@@ -184,14 +184,10 @@ def records_of(folder: Path, name: str, changes: dict[str, Any], *, compiled: bo
         ]
 
 
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        HEAVY, ("xuzhou_metro", {"duration": 60, "law": "pid"}),
-        ("crh380a_gpc", {"law": "pid", "compensation": "preview", "duration": 90, "plant.disturbances": GUST}),
-    ],
-    ids=["supervisor, air brake, couplers", "without supervisor and brake", "disturbances, several units"],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "changes"), [
+    HEAVY, ("xuzhou_metro", {"duration": 60, "law": "pid"}),
+    ("crh380a_gpc", {"law": "pid", "compensation": "preview", "duration": 90, "plant.disturbances": GUST}),
+], ids=["supervisor, air brake, couplers", "without supervisor and brake", "disturbances, several units"])  # fmt: skip
 def test_the_log_of_compiled_ticks_is_that_of_single_messages(name, changes, tmp_path: Path) -> None:
     """Breaks if a block has a message at another place, with another time or other bytes, or loses one."""
     logs = [records_of(tmp_path / str(compiled), name, changes, compiled=compiled) for compiled in (False, True)]
@@ -453,16 +449,13 @@ def test_an_own_compensation_is_called_as_in_python(unusual: str) -> None:
     assert python.calls == compiled.calls
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"compensation": f"{HERE}:Counted", f"compensations.{HERE}:Counted.fails_at": 5.05},
-         "compensation Counted: ValueError: no input at this time"),
-        ({"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error"}, "no force at this time"),
-        ({"plant.sensors.couplers": [0], "observer": f"{HERE}:Filtered", f"observers.{HERE}:Filtered.fails_at": 20.0},
-         "no estimate at this time"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "reason"), [
+    ({"compensation": f"{HERE}:Counted", f"compensations.{HERE}:Counted.fails_at": 5.05},
+     "compensation Counted: ValueError: no input at this time"),
+    ({"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error"}, "no force at this time"),
+    ({"plant.sensors.couplers": [0], "observer": f"{HERE}:Filtered", f"observers.{HERE}:Filtered.fails_at": 20.0},
+     "no estimate at this time"),
+])  # fmt: skip
 def test_an_error_of_a_component_brakes_as_in_python(changes: dict[str, Any], reason: str) -> None:
     """Breaks if compiled ticks drop the exception, name another part of the loop, or call the component again."""
     setup = setup_of("demo", {**FREE, "duration": 60, **changes})

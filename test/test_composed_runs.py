@@ -396,18 +396,15 @@ def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Ter
     assert "Traceback" not in rest
 
 
-@pytest.mark.parametrize(
-    ("role", "arguments", "says"),
-    [
-        ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
-        ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
-        ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "--out /proc/nowhere: cannot be made (No such file"),
-        ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
-        ("plant", ["--scenario=demo", "--rate=2", "--ros-args", "-p", "rate:=3"], "rate: 3: --rate has another value"),
-        ("profile", [], "--scenario"),
-        ("supervisor", ["--scenario=xuzhou_metro"], "the run has no supervision; set supervision.enabled: true"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("role", "arguments", "says"), [
+    ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
+    ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
+    ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "--out /proc/nowhere: cannot be made (No such file"),
+    ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
+    ("plant", ["--scenario=demo", "--rate=2", "--ros-args", "-p", "rate:=3"], "rate: 3: --rate has another value"),
+    ("profile", [], "--scenario"),
+    ("supervisor", ["--scenario=xuzhou_metro"], "the run has no supervision; set supervision.enabled: true"),
+])  # fmt: skip
 def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, terminals: Terminals) -> None:
     """Breaks on a traceback, another exit status than 2, or a vague message."""
     terminals.start(role, *arguments)

@@ -269,15 +269,12 @@ def _laws(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(LAWS._loaded, law.__name__.lower(), law)
 
 
-@pytest.mark.parametrize(
-    ("law", "first", "said"),
-    [
-        ("silent", 50, r"law silent: step\(\) returned \[nan\] N; .* in 10 consecutive steps \(1 s, hold_limit\)"),
-        ("overflowing", 51,
-         r"law 'overflowing' repeated its last force \(computed \[inf\] N, .*stack\.py:\d+\); .* in 10 consecutive"),
-        ("short", 0, r"law short: step\(\) returned \[\] N, shape \(0,\); .* in 10 consecutive steps"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("law", "first", "said"), [
+    ("silent", 50, r"law silent: step\(\) returned \[nan\] N; .* in 10 consecutive steps \(1 s, hold_limit\)"),
+    ("overflowing", 51,
+     r"law 'overflowing' repeated its last force \(computed \[inf\] N, .*stack\.py:\d+\); .* in 10 consecutive"),
+    ("short", 0, r"law short: step\(\) returned \[\] N, shape \(0,\); .* in 10 consecutive steps"),
+])  # fmt: skip
 def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
     """Breaks if the last force is held for ever, or the line lacks the law or the count."""
     of, along = lt.model(lt.SINGLE), lt.profile()

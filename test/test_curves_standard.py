@@ -10,7 +10,7 @@ from curve_trains import supervised_train as train
 from hypothesis import given
 from hypothesis import strategies as st
 
-from train_ato.supervision import deceleration_curve
+from train_ato.supervision import deceleration_curve, train_model
 from train_ato.supervision.deceleration_curve import DecelerationCurve, advanced_speed
 from train_ato.supervision.limits import (
     BrakingTarget,
@@ -37,15 +37,6 @@ from train_ato.supervision.track_supervision import (
     ceiling,
     limits_under_train,
     speeds_to_end,
-)
-from train_ato.supervision.train_model import (
-    LIMIT_EXPONENT,
-    LIMIT_FACTOR,
-    BuildUpTime,
-    basic_deceleration,
-    check_conversion,
-    lambda_brake,
-    passenger_kv_int,
 )
 
 
@@ -352,7 +343,7 @@ def test_speeds_outside_the_curve() -> None:
 )
 def test_the_limits_of_the_conversion_model_belong_to_it(percentage, position, length):
     """Breaks if a train with a limit of 3.13.3.2.1 is refused."""
-    check_conversion(percentage, position, length, 200 / 3.6)
+    train_model.check_conversion(percentage, position, length, 200 / 3.6)
 
 
 @pytest.mark.parametrize(
@@ -369,16 +360,17 @@ def test_the_limits_of_the_conversion_model_belong_to_it(percentage, position, l
 def test_trains_outside_the_conversion_model(position, percentage, length, speed_kmh, value, remedy):
     """Breaks if a train beyond a limit is accepted, or the line lacks key, value or remedy."""
     with pytest.raises(ValueError) as refused:
-        check_conversion(percentage, position, length, speed_kmh / 3.6)
+        train_model.check_conversion(percentage, position, length, speed_kmh / 3.6)
     assert str(refused.value) == f"{value} is outside the conversion model{remedy}, or give a gamma train"
     with pytest.raises(ValueError, match="is outside the conversion model"):
-        lambda_brake(percentage, position, length, speed_kmh / 3.6, kv_int=ONE, kr_int=ONE, kt_int=1.0)
+        train_model.lambda_brake(percentage, position, length, speed_kmh / 3.6, kv_int=ONE, kr_int=ONE, kt_int=1.0)
 
 
 def test_corrections_of_time_and_deceleration() -> None:
     """Breaks if Kt_int does not act on T_be, or acts on T_bs, or the mix continues beyond its pivots."""
     full, half = (
-        lambda_brake(100.0, "PassengerTrainInP", 300.0, 50.0, kv_int=ONE, kr_int=ONE, kt_int=kt) for kt in (1.0, 0.5)
+        train_model.lambda_brake(100.0, "PassengerTrainInP", 300.0, 50.0, kv_int=ONE, kr_int=ONE, kt_int=kt)
+        for kt in (1.0, 0.5)
     )
     assert full.emergency_time.to_standstill == pytest.approx(2.3 + 0.17 * 16)
     assert half.emergency_time.to_standstill == pytest.approx(0.5 * full.emergency_time.to_standstill)
@@ -386,16 +378,18 @@ def test_corrections_of_time_and_deceleration() -> None:
     assert half.service_time == full.service_time
     lower, upper = StepFunction.constant(0.8), StepFunction.constant(0.6)
     for largest, expected in ((0.2, 0.8), (0.7, 0.8), (0.8, 0.7), (0.9, 0.6), (1.5, 0.6)):
-        assert passenger_kv_int(lower, upper, 0.7, 0.9, largest).at(10.0) == pytest.approx(expected), largest
+        assert train_model.passenger_kv_int(lower, upper, 0.7, 0.9, largest).at(10.0) == pytest.approx(expected), (
+            largest
+        )
 
 
 @pytest.mark.parametrize("bound", [100.0, 120.0, 150.0])
 def test_first_step_that_ends_at_the_bound_of_another(bound: float) -> None:
     """Breaks if a step of no width is made where V_lim is exactly 100, 120 or 150 km/h."""
-    near = (bound / LIMIT_FACTOR) ** (1 / LIMIT_EXPONENT)
+    near = (bound / train_model.LIMIT_FACTOR) ** (1 / train_model.LIMIT_EXPONENT)
     exact = [near * (1 + k * 2**-52) for k in range(-64, 65)]
-    percentage = next(value for value in exact if LIMIT_FACTOR * value**LIMIT_EXPONENT == bound)
-    steps = basic_deceleration(percentage)
+    percentage = next(value for value in exact if train_model.LIMIT_FACTOR * value**train_model.LIMIT_EXPONENT == bound)
+    steps = train_model.basic_deceleration(percentage)
     assert steps.bounds[0] == pytest.approx(bound / 3.6)
     assert len(steps.bounds) == {100.0: 4, 120.0: 3, 150.0: 2}[bound]
 
@@ -476,7 +470,7 @@ def test_speeds_invert_the_locations_of_an_end(service_time: float, command: boo
 
 def test_parts_of_the_limits_by_hand() -> None:
     """Breaks if build-up, end of a curve, step, odometer error, trip, first gradient or rotating mass is wrong."""
-    time = BuildUpTime(3.0, 4.0)
+    time = train_model.BuildUpTime(3.0, 4.0)
     assert [time.for_target(speed) for speed in (0.0, 0.1, 1.0, 20.0)] == [3.0, 4.0, 4.0, 4.0]
     curve = DecelerationCurve(1000.0, 0.0, StepFunction.constant(1.0), LEVEL, needed_speed=30.0, top_speed=40.0)
     assert advanced_speed(curve.arcs, 1200.0, 0.0, 0.0, 0.0) == 0.0

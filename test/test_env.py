@@ -271,14 +271,11 @@ def test_options_and_seeds_of_a_reset():
     assert rolled(seed=11) == first and env.setup.ticks == 200
 
 
-@pytest.mark.parametrize(
-    ("force", "text"),
-    [
-        ([np.nan], "not finite"), (np.inf, "not finite"), ([1.0, 2.0], r"shape \(2,\); give \(1,\)"),
-        ([[1.0]], "shape"), ("full", "not a number"), (None, "not finite"), ([], "shape"),
-        ([10**400], "not a number"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("force", "text"), [
+    ([np.nan], "not finite"), (np.inf, "not finite"), ([1.0, 2.0], r"shape \(2,\); give \(1,\)"),
+    ([[1.0]], "shape"), ("full", "not a number"), (None, "not finite"), ([], "shape"),
+    ([10**400], "not a number"),
+])  # fmt: skip
 def test_a_wrong_force_is_refused_before_the_step(force, text):
     """Breaks if a wrong force reaches the stack, or the run cannot go on after the refusal."""
     env = ta.Env("xuzhou_metro", set={"duration": 5})

@@ -36,26 +36,23 @@ def broken(number: int, changes: dict[str, Any]) -> list[str]:
     return problems(replace(HEAVY_HAUL, rows=rows), ROOT)
 
 
-@pytest.mark.parametrize(
-    ("number", "changes", "found"),
-    [
-        (5, {"number": 6}, ["(5): 0 rows", "(6): 2 rows"]),
-        (41, {"number": 42}, ["(41): 0 rows", "(42): no such equation"]),
-        (18, {"places": (f"{SMC}:Smc.request",)}, [f"(18): place '{SMC}:Smc.request'"]),
-        (18, {"places": ("train_ato.control.laws.slid:Smc",)}, ["(18): place 'train_ato.control.laws.slid:Smc'"]),
-        (18, {"places": (f"{SMC}:Smc.uses_feedforward",)}, ["no source"]),
-        (1, {"places": (f"{HXD1}:pull:",)}, ["does not contain this text"]),
-        (1, {"places": ("plant_sim/data/consists/hxd1.yaml:mass_t",)}, ["no such file"]),
-        (18, {"places": ()}, ["(18): no place"]),
-        (40, {"form": Form.DEPARTURE, "settings": (), "note": ""}, ["(40): departure without a note"]),
-        (21, {"settings": ()}, ["(21): option without settings"]),
-        (18, {"settings": ("laws.smc.ks=0",)}, ["(18): literal with settings"]),
-        (21, {"settings": ("laws.smc.kss=0",)}, ["smc.kss: no such parameter; did you mean 'ks'?"]),
-        (21, {"settings": ("laws.smc.ks=-1",)}, ["smc.ks: -1 is outside 0 ... 100"]),
-        (21, {"settings": ("laws.smc.ks=0.5",)}, ["setting 'laws.smc.ks=0.5': is the default"]),
-        (21, {"settings": ("plant.lags=0",)}, ["plant.lags"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("number", "changes", "found"), [
+    (5, {"number": 6}, ["(5): 0 rows", "(6): 2 rows"]),
+    (41, {"number": 42}, ["(41): 0 rows", "(42): no such equation"]),
+    (18, {"places": (f"{SMC}:Smc.request",)}, [f"(18): place '{SMC}:Smc.request'"]),
+    (18, {"places": ("train_ato.control.laws.slid:Smc",)}, ["(18): place 'train_ato.control.laws.slid:Smc'"]),
+    (18, {"places": (f"{SMC}:Smc.uses_feedforward",)}, ["no source"]),
+    (1, {"places": (f"{HXD1}:pull:",)}, ["does not contain this text"]),
+    (1, {"places": ("plant_sim/data/consists/hxd1.yaml:mass_t",)}, ["no such file"]),
+    (18, {"places": ()}, ["(18): no place"]),
+    (40, {"form": Form.DEPARTURE, "settings": (), "note": ""}, ["(40): departure without a note"]),
+    (21, {"settings": ()}, ["(21): option without settings"]),
+    (18, {"settings": ("laws.smc.ks=0",)}, ["(18): literal with settings"]),
+    (21, {"settings": ("laws.smc.kss=0",)}, ["smc.kss: no such parameter; did you mean 'ks'?"]),
+    (21, {"settings": ("laws.smc.ks=-1",)}, ["smc.ks: -1 is outside 0 ... 100"]),
+    (21, {"settings": ("laws.smc.ks=0.5",)}, ["setting 'laws.smc.ks=0.5': is the default"]),
+    (21, {"settings": ("plant.lags=0",)}, ["plant.lags"]),
+])  # fmt: skip
 def test_the_check_finds_a_broken_row(number: int, changes: dict[str, Any], found: list[str]) -> None:
     lines = broken(number, changes)
     assert len(lines) == len(found)

@@ -321,17 +321,14 @@ def test_a_node_that_dies_beside_a_plant_of_ones_own_fails_the_run(free_domain: 
     assert 19 <= caught.value.run.metrics["ticks"] <= 20
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["--external=recorder"], "'recorder': choose from controller, observer, profile, supervisor, plant"),
-        (["--external=plant", "--processes", "--restart"], "an external plant does not wait for a new process"),
-        (["--external=plant", "--rate=1"], "--rate: the external plant is the source of time; remove it"),
-        (["--external=plant", "--no-lockstep"], "--no-lockstep: the external plant is the source of time; remove it"),
-        (["--external=controller", "--engine"], "the engine has no nodes; remove --engine"),
-        (["--external=supervisor", "--set=supervision.enabled=false"], "the run has none; set supervision.enabled"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "text"), [
+    (["--external=recorder"], "'recorder': choose from controller, observer, profile, supervisor, plant"),
+    (["--external=plant", "--processes", "--restart"], "an external plant does not wait for a new process"),
+    (["--external=plant", "--rate=1"], "--rate: the external plant is the source of time; remove it"),
+    (["--external=plant", "--no-lockstep"], "--no-lockstep: the external plant is the source of time; remove it"),
+    (["--external=controller", "--engine"], "the engine has no nodes; remove --engine"),
+    (["--external=supervisor", "--set=supervision.enabled=false"], "the run has none; set supervision.enabled"),
+])  # fmt: skip
 def test_an_external_node_that_cannot_be_is_refused(options: list[str], text: str, capsys) -> None:
     """Breaks if a run begins that waits for ever."""
     assert main(["run", "demo", *options]) == 2

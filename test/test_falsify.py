@@ -207,23 +207,20 @@ def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:
         assert row.run.robustness == found.target.robustness(setup, run_engine(setup))
 
 
-@pytest.mark.parametrize(
-    ("requirement", "over", "message"),
-    [
-        ("keeps_up", MASS, "requirement 'keeps_up': no requirement of the scenario; as a formula: column 1"),
-        ("jerk", MASS, "requirement jerk: the scenario has no limit of it; add criteria.jerk"),
-        ("G speed <= 3 kN", MASS, "compares m/s with N"),
-        ("G command_5 <= 3 kN", MASS, "signal 'command_5': the train has 1 power units; use command_0"),
-        (SLOW, {}, "over: no keys"),
-        (SLOW, {"plant.mas": [1, 2]}, "over: plant.mas: unknown key 'mas'"),
-        (SLOW, {"plant.lag": {"from": 1.1, "to": 2}}, "0.4, the value of the scenario, is outside of 1.1 to 2"),
-        (SLOW, {"plant.lag": {"from": -1, "to": 2}}, "over: plant.lag: -1.0: the scenario refuses this value"),
-        (SLOW, {"law": ["smc", "funnel"]}, "the list lacks 'pid', the value of the scenario; add it"),
-        (SLOW, {"law": {"from": 1, "to": 2}}, "'pid' of the scenario is no number"),
-        (SLOW, {"plant.adhesion.factor": [1, 2]}, "the scenario has no value; add its nominal value"),
-        (SLOW, {"interventions.3.at": [1, 2]}, "'3' is no entry of a list of 0; add an entry"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("requirement", "over", "message"), [
+    ("keeps_up", MASS, "requirement 'keeps_up': no requirement of the scenario; as a formula: column 1"),
+    ("jerk", MASS, "requirement jerk: the scenario has no limit of it; add criteria.jerk"),
+    ("G speed <= 3 kN", MASS, "compares m/s with N"),
+    ("G command_5 <= 3 kN", MASS, "signal 'command_5': the train has 1 power units; use command_0"),
+    (SLOW, {}, "over: no keys"),
+    (SLOW, {"plant.mas": [1, 2]}, "over: plant.mas: unknown key 'mas'"),
+    (SLOW, {"plant.lag": {"from": 1.1, "to": 2}}, "0.4, the value of the scenario, is outside of 1.1 to 2"),
+    (SLOW, {"plant.lag": {"from": -1, "to": 2}}, "over: plant.lag: -1.0: the scenario refuses this value"),
+    (SLOW, {"law": ["smc", "funnel"]}, "the list lacks 'pid', the value of the scenario; add it"),
+    (SLOW, {"law": {"from": 1, "to": 2}}, "'pid' of the scenario is no number"),
+    (SLOW, {"plant.adhesion.factor": [1, 2]}, "the scenario has no value; add its nominal value"),
+    (SLOW, {"interventions.3.at": [1, 2]}, "'3' is no entry of a list of 0; add an entry"),
+])  # fmt: skip
 def test_bad_input_is_refused_in_one_line(requirement: str, over: dict, message: str) -> None:
     """Breaks if a search starts with a wrong key, range or requirement."""
     with pytest.raises(ValueError, match=r"\w") as error:

@@ -253,22 +253,19 @@ def test_a_late_leader_delays_the_own_stops(
     assert (place[-1] == own.position[-1]) == (held < 600.0 or until is not None)
 
 
-@pytest.mark.parametrize(
-    ("gap", "drives", "until", "end"),
-    [
-        pytest.param((100, 160), [(110, 110), (200, 110), (600, 510)], None, 0.1, id="halts for long"),
-        pytest.param((100, 142), [(80, 80), (150, 80), (600, 530)], None, 0.1, id="halted before"),
-        pytest.param(
-            (100, 210), [(110, 110), (205, 110), (213, 118), (250, 118), (600, 468)], None, 0.1,
-            id="halts again within the smoothing time",
-        ),
-        pytest.param((100, 160), [(110, 110)], 220.0, 0.1, id="stands, own profile again"),
-        pytest.param((320, 420), [(325, 325), (450, 325), (600, 475)], None, 0.1, id="at the last own stop"),
-        pytest.param((120, 200), [(80, 80), (120, 80), (121, 121), (600, 600)], None, 0.1, id="regains where slow"),
-        pytest.param((100, 160), [(110, 110)], None, math.inf, id="stands"),
-        pytest.param((600, 600), [(0, -3.5), (600, 596.5)], None, 0.1, id="is 49 m behind at the start"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("gap", "drives", "until", "end"), [
+    pytest.param((100, 160), [(110, 110), (200, 110), (600, 510)], None, 0.1, id="halts for long"),
+    pytest.param((100, 142), [(80, 80), (150, 80), (600, 530)], None, 0.1, id="halted before"),
+    pytest.param(
+        (100, 210), [(110, 110), (205, 110), (213, 118), (250, 118), (600, 468)], None, 0.1,
+        id="halts again within the smoothing time",
+    ),
+    pytest.param((100, 160), [(110, 110)], 220.0, 0.1, id="stands, own profile again"),
+    pytest.param((320, 420), [(325, 325), (450, 325), (600, 475)], None, 0.1, id="at the last own stop"),
+    pytest.param((120, 200), [(80, 80), (120, 80), (121, 121), (600, 600)], None, 0.1, id="regains where slow"),
+    pytest.param((100, 160), [(110, 110)], None, math.inf, id="stands"),
+    pytest.param((600, 600), [(0, -3.5), (600, 596.5)], None, 0.1, id="is 49 m behind at the start"),
+])  # fmt: skip
 def test_a_profile_behind_late_reports_does_not_run_back(gap: Any, drives: Any, until: Any, end: float) -> None:
     """Fails if the profile runs back or joins the reports with a high speed or acceleration, or leaves its stop."""
     slow = [*CRUISE[:1], {"cruise_until": 130}, {"brake_to_kmh": 18}, {"cruise_until": 300}]

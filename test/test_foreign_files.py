@@ -164,13 +164,10 @@ def _written(path: Path, data: dict[str, Any]) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize(
-    ("consist", "line"),
-    [
-        ("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml"), ("ore.yaml", "net.yaml:1..4"),
-        ("stock.json:thermal", "line.csv"), ("stock.json", "way.gpx"), ("stock.railml", "net.railml:West..t2"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("consist", "line"), [
+    ("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml"), ("ore.yaml", "net.yaml:1..4"),
+    ("stock.json:thermal", "line.csv"), ("stock.json", "way.gpx"), ("stock.railml", "net.railml:West..t2"),
+])  # fmt: skip
 def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, line: str) -> None:
     """Breaks if a scenario reads own YAML only, or another line or train than plan; its folder is the base."""
     scenario = {
@@ -348,27 +345,24 @@ def test_a_train_of_several_vehicles_becomes_rolling_stock(tmp_path: Path) -> No
         osrd_stock_json(consist)
 
 
-@pytest.mark.parametrize(
-    ("train", "change", "message"),
-    [
-        (UNIT_TRAIN, {"length": None}, "length: this key is missing"),
-        (UNIT_TRAIN, {"mass": quantity(122, "lb")}, "mass: unit = 'lb': must be kg or t"),
-        (UNIT_TRAIN, {"max speed": quantity(-1, "km/h")}, "max speed: value in SI = -0.277778: must lie between"),
-        (UNIT_TRAIN, {"rho": 10}, "rho: holds 10"),
-        (UNIT_TRAIN, {"tunnel resistance": {"units": {}, "values": []}}, "tunnel resistance"),
-        (STOCK, {"const_gamma": None}, "const_gamma: this key is missing"),
-        (STOCK, {"rolling_resistance": {"type": "other"}}, "type = 'other': only davis is read"),
-        (STOCK, {"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
-        (STOCK, {"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
-        (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2"),
-        (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [9, 5], "values": [1, 1, 1]}}}, "must rise"),
-        (STOCK, {"rolling_resistance": STOCK["rolling_resistance"] | {"D": 1}}, "rolling_resistance: unknown key 'D'"),
-        (STOCK, {"gamma": 0.5}, "const_gamma and gamma are the same quantity"),
-        (STOCK, {"name": ["a"]}, r"name = \['a'\]: must be one text"),
-        (STOCK, {"effort_curves": {"default_mode": "a", "modes": {"a": {"is_electric": "no", "curves": []}}}},
-         "true or false"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("train", "change", "message"), [
+    (UNIT_TRAIN, {"length": None}, "length: this key is missing"),
+    (UNIT_TRAIN, {"mass": quantity(122, "lb")}, "mass: unit = 'lb': must be kg or t"),
+    (UNIT_TRAIN, {"max speed": quantity(-1, "km/h")}, "max speed: value in SI = -0.277778: must lie between"),
+    (UNIT_TRAIN, {"rho": 10}, "rho: holds 10"),
+    (UNIT_TRAIN, {"tunnel resistance": {"units": {}, "values": []}}, "tunnel resistance"),
+    (STOCK, {"const_gamma": None}, "const_gamma: this key is missing"),
+    (STOCK, {"rolling_resistance": {"type": "other"}}, "type = 'other': only davis is read"),
+    (STOCK, {"effort_curves": {"default_mode": "x", "modes": {}}}, "default_mode = 'x': not in modes"),
+    (STOCK, {"effort_curves": STOCK["effort_curves"] | {"more": 1}}, "unknown key 'more'"),
+    (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [1], "values": [1]}}}, "1 boundaries need 2"),
+    (STOCK, {"etcs_brake_params": {"gamma_emergency": {"boundaries": [9, 5], "values": [1, 1, 1]}}}, "must rise"),
+    (STOCK, {"rolling_resistance": STOCK["rolling_resistance"] | {"D": 1}}, "rolling_resistance: unknown key 'D'"),
+    (STOCK, {"gamma": 0.5}, "const_gamma and gamma are the same quantity"),
+    (STOCK, {"name": ["a"]}, r"name = \['a'\]: must be one text"),
+    (STOCK, {"effort_curves": {"default_mode": "a", "modes": {"a": {"is_electric": "no", "curves": []}}}},
+     "true or false"),
+])  # fmt: skip
 def test_a_faulty_train_is_refused_in_one_line(
     tmp_path: Path, train: dict[str, Any], change: dict[str, Any], message: str
 ) -> None:

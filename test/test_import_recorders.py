@@ -36,16 +36,13 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> str:
     return recorded()
 
 
-@pytest.mark.parametrize(
-    ("title", "name"),
-    [
-        ("V [km/h]", "speed_kmh"), ("v (m/s)", "speed_m_s"), ("Speed in mph", "speed_mph"),
-        ("Geschwindigkeit [km/h]", "speed_kmh"), ("F [kN]", "force_kn"), ("Tractive effort [kN]", "traction_force_kn"),
-        ("s [km]", "position_km"), ("t [s]", "time_s"), ("t [sec]", "time_s"), ("HLL [bar]", "brake_pipe_pressure_bar"),
-        ("v_ref [km/h]", "reference_speed_kmh"), ("Front position [m]", "front_position_m"), ("Date", "timestamp"),
-        ("Door", "Door"), ("V [kN]", "V [kN]"), ("V", "V"), ("speed_kmh", "speed_kmh"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("title", "name"), [
+    ("V [km/h]", "speed_kmh"), ("v (m/s)", "speed_m_s"), ("Speed in mph", "speed_mph"),
+    ("Geschwindigkeit [km/h]", "speed_kmh"), ("F [kN]", "force_kn"), ("Tractive effort [kN]", "traction_force_kn"),
+    ("s [km]", "position_km"), ("t [s]", "time_s"), ("t [sec]", "time_s"), ("HLL [bar]", "brake_pipe_pressure_bar"),
+    ("v_ref [km/h]", "reference_speed_kmh"), ("Front position [m]", "front_position_m"), ("Date", "timestamp"),
+    ("Door", "Door"), ("V [kN]", "V [kN]"), ("V", "V"), ("speed_kmh", "speed_kmh"),
+])  # fmt: skip
 def test_titles_of_recorders(title: str, name: str) -> None:
     """Breaks if a quantity with its unit is not found, or a unit of another quantity is accepted."""
     assert column_name(title) == name
@@ -95,20 +92,17 @@ def test_an_impossible_date_is_refused(text: str) -> None:
     assert moments([text]) == [None]
 
 
-@pytest.mark.parametrize(
-    ("texts", "seconds"),
-    [
-        (["11:59:58 AM", "12:00:02 PM", "1:00:00 PM"], [4, 3602]),
-        (["11:59:58 PM", "12:00:02 AM", "12:30:00 a.m."], [4, 1802]), (["23:59:59", "0:00:01,5", "00:01"], [2.5, 61]),
-        (["11/24/2026 23:59:59", "11/25/2026 00:00:01"], [2]), (["24/11/2026 23:59:59", "25/11/2026 00:00:01"], [2]),
-        (["03/01/2026 23:59:59", "03/02/2026 00:00:01"], [2]), (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
-        (["1727799360", "1727799362"], [2]), (["1727799360000", "1727799361500"], [1.5]),
-        (["1727799360000000", "1727799361500000"], [1.5]), (["1727799360000000000", "1727799361500000000"], [1.5]),
-        (["2026/11/24 23:59:59", "2026/11/25 0:00:01"], [2]), (["24-11-2026 23:59:59", "25-11-2026 00:00:01"], [2]),
-        (["11-24-2026 23:59:59", "11-25-2026 00:00:01"], [2]),
-        (["2026-10-25 02:59:59+02:00", "2026-10-25 02:00:01+01:00"], [2]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("texts", "seconds"), [
+    (["11:59:58 AM", "12:00:02 PM", "1:00:00 PM"], [4, 3602]),
+    (["11:59:58 PM", "12:00:02 AM", "12:30:00 a.m."], [4, 1802]), (["23:59:59", "0:00:01,5", "00:01"], [2.5, 61]),
+    (["11/24/2026 23:59:59", "11/25/2026 00:00:01"], [2]), (["24/11/2026 23:59:59", "25/11/2026 00:00:01"], [2]),
+    (["03/01/2026 23:59:59", "03/02/2026 00:00:01"], [2]), (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
+    (["1727799360", "1727799362"], [2]), (["1727799360000", "1727799361500"], [1.5]),
+    (["1727799360000000", "1727799361500000"], [1.5]), (["1727799360000000000", "1727799361500000000"], [1.5]),
+    (["2026/11/24 23:59:59", "2026/11/25 0:00:01"], [2]), (["24-11-2026 23:59:59", "25-11-2026 00:00:01"], [2]),
+    (["11-24-2026 23:59:59", "11-25-2026 00:00:01"], [2]),
+    (["2026-10-25 02:59:59+02:00", "2026-10-25 02:00:01+01:00"], [2]),
+])  # fmt: skip
 def test_times_of_recorders(texts: list[str], seconds: list[float]) -> None:
     """Breaks if noon, midnight, the order of day and month, or the unit of a Unix time is wrong."""
     found = [value for value in moments(texts) if value is not None]
@@ -296,18 +290,15 @@ def test_what_speed_and_traction_do_not_show_is_noted(
     assert note in notes and bool(note) == bool(notes)
 
 
-@pytest.mark.parametrize(
-    ("columns", "parts"),
-    [
-        (SPEED, []),
-        (SPEED | {"position_m": lambda t, v, x, f: f"{x - 29:.3f}"}, []),
-        ({"speed_kmh": lambda t, v, x, f: f"{v / 0.44704:.3f}"}, ["455 m beside the nearest stop", "the force does"]),
-        ({"speed_mph": SPEED["speed_kmh"]}, ["86.9 km/h at km 0.762, where", "732 m beside the nearest stop"]),
-        (SPEED | {"position_m": lambda t, v, x, f: f"{x + 400:.3f}"}, ["at km 2.160, 429 m beside the nearest stop"]),
-        (SPEED | {"position_m": lambda t, v, x, f: f"{x + 120:.3f}"}, ["149 m beyond the stop of line 'l' at all 2"]),
-        (SPEED | PLACE, ["stands 29 m beyond the stop of line 'l' at all 2 halts"]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("columns", "parts"), [
+    (SPEED, []),
+    (SPEED | {"position_m": lambda t, v, x, f: f"{x - 29:.3f}"}, []),
+    ({"speed_kmh": lambda t, v, x, f: f"{v / 0.44704:.3f}"}, ["455 m beside the nearest stop", "the force does"]),
+    ({"speed_mph": SPEED["speed_kmh"]}, ["86.9 km/h at km 0.762, where", "732 m beside the nearest stop"]),
+    (SPEED | {"position_m": lambda t, v, x, f: f"{x + 400:.3f}"}, ["at km 2.160, 429 m beside the nearest stop"]),
+    (SPEED | {"position_m": lambda t, v, x, f: f"{x + 120:.3f}"}, ["149 m beyond the stop of line 'l' at all 2"]),
+    (SPEED | PLACE, ["stands 29 m beyond the stop of line 'l' at all 2 halts"]),
+])  # fmt: skip
 def test_a_speed_in_another_unit_and_other_places_are_noted(columns, parts, tmp_path: Path) -> None:
     """Breaks if a speed in mph under the name of km/h, or a place far from the stops, is imported without a word."""
     line = "schema: train_ato/line/1\nname: l\nend: 3e3\nspeed_limits: [{at: 0, speed_kmh: 60}]\nstops: [{at: 530},"
@@ -340,17 +331,14 @@ def test_one_halt_beside_its_stop_is_noted(stop: int, note: str, tmp_path: Path)
     assert note in notes and bool(note) == bool(notes), notes
 
 
-@pytest.mark.parametrize(
-    ("first", "time", "message"),
-    [
-        ("Recorder 7\n", TIME["time_s"], "line 1: one column, 'Recorder 7', above rows of 3; remove the lines above"),
-        ("", lambda t, v, x, f: CLOCK.format(2 + (t < 60), int(t) // 60 % 60, int(t) % 60),
-         "the clock was set back by an hour: write date and time with the zone"),
-        ("", lambda t, v, x, f: CLOCK.format(1 + (t > 60), int(t) // 60 % 60, int(t) % 60),
-         "if the clock was set forward by an hour, write date and time with the zone"),
-        ("", lambda t, v, x, f: f"{int(t) // 60:02d}:{int(t) % 60:02d}", "08:15 is read as hours and minutes"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("first", "time", "message"), [
+    ("Recorder 7\n", TIME["time_s"], "line 1: one column, 'Recorder 7', above rows of 3; remove the lines above"),
+    ("", lambda t, v, x, f: CLOCK.format(2 + (t < 60), int(t) // 60 % 60, int(t) % 60),
+     "the clock was set back by an hour: write date and time with the zone"),
+    ("", lambda t, v, x, f: CLOCK.format(1 + (t > 60), int(t) // 60 % 60, int(t) % 60),
+     "if the clock was set forward by an hour, write date and time with the zone"),
+    ("", lambda t, v, x, f: f"{int(t) // 60:02d}:{int(t) % 60:02d}", "08:15 is read as hours and minutes"),
+])  # fmt: skip
 def test_a_refused_layout_has_a_remedy_that_works(first: str, time: Any, message: str, tmp_path: Path, capsys) -> None:
     """Breaks if ``--sort`` is advised for the end of summer time, or a heading is called an unknown column."""
     text = metro_text(**TIME, **SPEED, **FORCE) if first else metro_text(timestamp=time, **SPEED, **FORCE)

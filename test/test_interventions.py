@@ -93,21 +93,16 @@ class Loop:
         return float(np.abs(self.plant.train.velocity).max())
 
 
-@pytest.mark.parametrize(
-    ("entry", "written"),
-    [
-        (MessageLossNow(duration=3.0), "faults=[{do: drop, topic: ato/command, begin: 20, end: 23}]"),
-        (MessageFreezeNow(topic="atp/brake_release", duration=3.0),
-         "faults=[{do: freeze, topic: atp/brake_release, begin: 20, end: 23}]"),
-        (MessageFreezeNow(topic="train/measurement", duration=3.0), "plant.sensors.freeze=[{begin: 20, end: 23}]"),
-        (TrainJumpNow(what="gain", factor=0.5), "plant.jumps=[{at: 20, what: gain, factor: 0.5}]"),
-        (TrainJumpNow(what="brake", factor=0.5), "plant.jumps=[{at: 20, what: brake, factor: 0.5}]"),
-        (gust(-0.02, 12.0, 2.0),
-         "plant.disturbances=[{kind: gust, begin: 20, end: 32, ramp: 2, acceleration: -0.02}]"),
-        (DelayJumpNow(factor=1.5, add=0.4), "links.command.jump={at: 20, factor: 1.5, add: 0.4}"),
-    ],
-    ids=["loss", "freeze", "frozen measurement", "drives", "brakes", "gust", "delay"],
-)  # fmt: skip
+@pytest.mark.parametrize(("entry", "written"), [
+    (MessageLossNow(duration=3.0), "faults=[{do: drop, topic: ato/command, begin: 20, end: 23}]"),
+    (MessageFreezeNow(topic="atp/brake_release", duration=3.0),
+     "faults=[{do: freeze, topic: atp/brake_release, begin: 20, end: 23}]"),
+    (MessageFreezeNow(topic="train/measurement", duration=3.0), "plant.sensors.freeze=[{begin: 20, end: 23}]"),
+    (TrainJumpNow(what="gain", factor=0.5), "plant.jumps=[{at: 20, what: gain, factor: 0.5}]"),
+    (TrainJumpNow(what="brake", factor=0.5), "plant.jumps=[{at: 20, what: brake, factor: 0.5}]"),
+    (gust(-0.02, 12.0, 2.0), "plant.disturbances=[{kind: gust, begin: 20, end: 32, ramp: 2, acceleration: -0.02}]"),
+    (DelayJumpNow(factor=1.5, add=0.4), "links.command.jump={at: 20, factor: 1.5, add: 0.4}"),
+], ids=["loss", "freeze", "frozen measurement", "drives", "brakes", "gust", "delay"])  # fmt: skip
 def test_a_fault_from_outside_is_the_fault_of_a_scenario(entry, written):
     """Breaks if a fault on request begins or ends at another tick than a planned one, or has another strength."""
     metro = partial(setup_of, "xuzhou_metro", "supervision.enabled=true", "duration=45")

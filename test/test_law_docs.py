@@ -115,16 +115,13 @@ def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 ROWS = read_rows(Path(__file__).resolve().parents[1] / table.MEASURED)
 
 
-@pytest.mark.parametrize(
-    ("name", "nominal"),
-    [
-        ("demo", True), ("crh380a_funnel:planned_ahead", True), ("crh380a_gpc:strong", True),
-        ("crh380a_funnel:saturated", False), ("crh380a_funnel:delay_half_more", False),
-        ("crh380a_funnel:lagging", False), ("crh380a_funnel:light", False), ("crh380a_funnel:noise", False),
-        ("crh380a_funnel:replanned", False), ("crh380a_gpc:jump", False), ("xuzhou_metro:slower", False),
-        ("freight_consensus:realistic", False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "nominal"), [
+    ("demo", True), ("crh380a_funnel:planned_ahead", True), ("crh380a_gpc:strong", True),
+    ("crh380a_funnel:saturated", False), ("crh380a_funnel:delay_half_more", False),
+    ("crh380a_funnel:lagging", False), ("crh380a_funnel:light", False), ("crh380a_funnel:noise", False),
+    ("crh380a_funnel:replanned", False), ("crh380a_gpc:jump", False), ("xuzhou_metro:slower", False),
+    ("freight_consensus:realistic", False),
+])  # fmt: skip
 def test_nominal_is_a_plant_as_modelled_with_the_force_of_its_profile(name: str, nominal: bool) -> None:
     """Breaks if a disturbance, noise, another mass, delay or lag, or a lack of force counts as nominal."""
     assert table.is_nominal(name) is nominal

@@ -346,16 +346,13 @@ def test_a_vertical_curve_rounds_the_change_of_grade() -> None:
     assert build_model(Line, parse_yaml(own_yaml(line)), "again") == line
 
 
-@pytest.mark.parametrize(
-    ("curves", "problem"),
-    [
-        ([{"at": 900, "radius": 20e3}], "no grade changes there"),
-        ([{"at": 1000, "radius": 130e3}], "reach over the grade at 2000 m|reach beyond the line"),
-        ([{"at": 0, "radius": 20e3}], "reach beyond the line or the rounding before"),
-        ([{"at": 1000, "radius": 100e3}, {"at": 2000, "radius": 100e3}], "rounding before"),
-        ([{"at": 1000, "radius": 10}], "greater than or equal to 100"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("curves", "problem"), [
+    ([{"at": 900, "radius": 20e3}], "no grade changes there"),
+    ([{"at": 1000, "radius": 130e3}], "reach over the grade at 2000 m|reach beyond the line"),
+    ([{"at": 0, "radius": 20e3}], "reach beyond the line or the rounding before"),
+    ([{"at": 1000, "radius": 100e3}, {"at": 2000, "radius": 100e3}], "rounding before"),
+    ([{"at": 1000, "radius": 10}], "greater than or equal to 100"),
+])  # fmt: skip
 def test_a_vertical_curve_without_room_is_refused(curves: list[dict[str, Any]], problem: str) -> None:
     """Breaks if two roundings overlap: the height at their end would not be that of the line."""
     with pytest.raises(ValueError, match=problem):
@@ -571,25 +568,22 @@ def test_commands_show_places_and_limits_as_the_line_has_them(command, shown, tm
     assert shown in "".join(capsys.readouterr())
 
 
-@pytest.mark.parametrize(
-    ("changes", "problem"),
-    [
-        ({"grades": [{"at": "14+100", "grade": 0}]}, r"grades\[0\].at: '14\+100': the line has this kilometre nowhere"),
-        ({"chainage": [{"begin": "10+000", "end": "12+000"}, {"begin": "11+500", "end": "14+500"}],
-          "grades": [{"at": "11+700", "grade": 0}]}, r"this kilometre at 1700 and 2200 m; write the distance"),
-        ({"end": 4900}, "its sections have 5000 m, the line 4900 m"),
-        ({"chainage": [{"begin": "10+000", "end": "10+000"}]}, r"hand: chainage\.0: a section .* has no length"),
-        ({"chainage": 5}, r"hand: chainage = 5: is no list; write"),
-        ({"chainage": [None]}, r"hand: chainage\.0 = None: is no block of keys; write"),
-        ({"chainage": [{"begin": "10+000"}]}, r"hand: chainage\.0\.end: this key is missing"),
-        ({"begin": "17+000"}, r"hand: begin = '17\+000': input should be a number"),
-        ({"end": [5]}, r"hand: end = \[5\]: input should be a valid number"),
-        ({"stops": [{"at": "16+800", "at_km": "16+900"}]}, r"stops\.0: at and at_km are the same quantity"),
-        ({"curves": [{"begin": "15+900", "end": "16+200", "radius": 400}]}, r"curves\.0: end 800 m must be beyond"),
-        ({"chainage": []}, "should be a number, not text"),
-        ({"stops": [{"at": "12+000"}, {"at": "14+250"}]}, r"stops\[1\]: 2750 m after 4850 m"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "problem"), [
+    ({"grades": [{"at": "14+100", "grade": 0}]}, r"grades\[0\].at: '14\+100': the line has this kilometre nowhere"),
+    ({"chainage": [{"begin": "10+000", "end": "12+000"}, {"begin": "11+500", "end": "14+500"}],
+      "grades": [{"at": "11+700", "grade": 0}]}, r"this kilometre at 1700 and 2200 m; write the distance"),
+    ({"end": 4900}, "its sections have 5000 m, the line 4900 m"),
+    ({"chainage": [{"begin": "10+000", "end": "10+000"}]}, r"hand: chainage\.0: a section .* has no length"),
+    ({"chainage": 5}, r"hand: chainage = 5: is no list; write"),
+    ({"chainage": [None]}, r"hand: chainage\.0 = None: is no block of keys; write"),
+    ({"chainage": [{"begin": "10+000"}]}, r"hand: chainage\.0\.end: this key is missing"),
+    ({"begin": "17+000"}, r"hand: begin = '17\+000': input should be a number"),
+    ({"end": [5]}, r"hand: end = \[5\]: input should be a valid number"),
+    ({"stops": [{"at": "16+800", "at_km": "16+900"}]}, r"stops\.0: at and at_km are the same quantity"),
+    ({"curves": [{"begin": "15+900", "end": "16+200", "radius": 400}]}, r"curves\.0: end 800 m must be beyond"),
+    ({"chainage": []}, "should be a number, not text"),
+    ({"stops": [{"at": "12+000"}, {"at": "14+250"}]}, r"stops\[1\]: 2750 m after 4850 m"),
+])  # fmt: skip
 def test_a_post_without_one_place_is_refused(changes: dict[str, Any], problem: str) -> None:
     """Breaks if a kilometre that exists twice or not at all is given a place in silence."""
     with pytest.raises(ValueError, match=problem):

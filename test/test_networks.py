@@ -198,14 +198,11 @@ def test_a_line_as_railml_and_back(infra: Path, railml: Path, tmp_path: Path) ->
     assert [(e.at, e.grade) for e in back.grades] == [(0, 0.005)] and back.end == 2900
 
 
-@pytest.mark.parametrize(
-    ("selection", "message"),
-    [
-        ("", "a network of 4 tracks with branches; name the line as FILE:FROM..TO"),
-        (":TA..North", "'North' is no track or station; it has West, East, TA"),
-        (":TA..TB", "no path between these tracks"), (":TA", "write FROM..TO"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("selection", "message"), [
+    ("", "a network of 4 tracks with branches; name the line as FILE:FROM..TO"),
+    (":TA..North", "'North' is no track or station; it has West, East, TA"),
+    (":TA..TB", "no path between these tracks"), (":TA", "write FROM..TO"),
+])  # fmt: skip
 def test_a_wrong_selection_is_refused_with_the_names(infra: Path, selection: str, message: str) -> None:
     """Breaks if a train could turn back at a switch, or a wrong name ends in a traceback."""
     with one_line(message, str(infra)):
@@ -310,16 +307,13 @@ def test_railml_limits_of_speed_profiles_are_those_of_categories(railml, capsys)
         load_line(f"{railml}:Alder..Birch")
 
 
-@pytest.mark.parametrize(
-    ("values", "profile", "kmh", "of", "told"),
-    [
-        ("", '<load axleLoad="16"/>', 100, {"light": 100, "heavy": 80, "x": 100}, ""),
-        ("", '<load axleLoad="16"/><braking minimumBrakePercentage="130"/>', 100, {"light": 80, "x": 80}, ""),
-        ("", '<load axleLoad="16"/><tilting/>', 100, {"light": 80, "x": 100}, ""),
-        ('influence="decreasing"', '<load axleLoad="22.5"/>', 50, {"light": 50, "heavy": 50, "x": 50},
-         "speedProfile s1: its lower limits hold for trains of no category too"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "profile", "kmh", "of", "told"), [
+    ("", '<load axleLoad="16"/>', 100, {"light": 100, "heavy": 80, "x": 100}, ""),
+    ("", '<load axleLoad="16"/><braking minimumBrakePercentage="130"/>', 100, {"light": 80, "x": 80}, ""),
+    ("", '<load axleLoad="16"/><tilting/>', 100, {"light": 80, "x": 100}, ""),
+    ('influence="decreasing"', '<load axleLoad="22.5"/>', 50, {"light": 50, "heavy": 50, "x": 50},
+     "speedProfile s1: its lower limits hold for trains of no category too"),
+])  # fmt: skip
 def test_figures_of_a_speed_profile_are_those_that_a_train_needs(values, profile, kmh, of, told, tmp_path, capsys):
     """Breaks if a train without the axle load or the brakes of a profile has its speed, or a lower one spares it."""
     sections = [located("speedSection", f'maxSpeed="{speed}"', 'netElementRef="e">') for speed in (80, kmh)]
@@ -713,77 +707,68 @@ def other_a(slopes: Any, curves: Any = ()) -> dict[str, Any]:
     return {"track_sections": [track("A", 1000, slopes, curves), *LOOP["track_sections"][1:]]}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (sections((8, part("A_", 1000, 2000))),
-         r"speed_sections\[0\]: track_ranges\[0\]: track 'A_': no track of this"),
-        (sections((8, part("A", 500, 20000))), "from 500 to 20000 m: beyond the track A of 1000 m; end it there"),
-        (sections((8, part("A", -50, 200))), "from -50 to 200 m: beyond the track A"),
-        (sections((8, part("A", 200, 100))), "end = 100: lies before begin 200; exchange them"),
-        ({"neutral_sections": [{"track_ranges": [part("X", 0, 1)]}]}, "neutral_sections.*track 'X': no track"),
-        ({"neutral_sections": [{"track_ranges": [part("C", 0, 9000)]}]}, "beyond the track C of 2000 m"),
-        ({"operational_points": [station("Far", ("A", 4000))]}, "position = 4000: must lie between 0 and"),
-        ({"track_sections": [track("A", 1000), track("A", 900)]}, "id = 'A': two tracks have this id"),
-        (other_a([(5, 500, 2000)]), r"slopes\[0\]: from 500"),
-        (other_a([(5, 0, 600), (-5, 500, 900)]),
-         r"two grades from 500 to 600 m of the path, 0.005 and -0.005 .* correct one of them"),
-        (other_a((), [(300, 0, 900), (-400, 50, 100)]),
-         r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400"),
-        (other_a((), [(300, 0, 900), (0, 50, 100)]), r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
-        (other_a((), [(-0.4, 0, 900)]),
-         r"track_sections\[0\]: curves\[0\]: radius = -0.4: below 5 m; correct its unit"),
-        ({"speed_sections": [{"speed_limit": 8}]}, r"speed_sections\[0\]: track_ranges: none, so its place is not"),
-        ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
-        ({"neutral_sections": [{"track_ranges": None}]}, r"neutral_sections\[0\]: track_ranges: none"),
-        ({"operational_points": [station("Far", ("A", 1001.5))]}, "position = 1001.5: must lie between 0 and 1000"),
-        ({"speed_sections": {}}, "speed_sections = {}: must be a list; correct it$"),
-        ({"track_sections": []}, "track_sections: empty; add the tracks"),
-        ({"switches": [{"id": "x", "switch_type": "turntable", "ports": {}}]},
-         "type = 'turntable': must be one of link"),
-        ({"switches": [{"id": "x", "switch_type": "link", "ports": ends("TX/END", "A/END")}]}, "not an end of a track"),
-        ({"track_sections": [{"id": "A"}]}, "length: this key is missing"),
-        ({"operational_points": [station("A", ("TX", 0))]}, "track 'TX' is not in track_sections"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("change", "message"), [
+    (sections((8, part("A_", 1000, 2000))), r"speed_sections\[0\]: track_ranges\[0\]: track 'A_': no track of this"),
+    (sections((8, part("A", 500, 20000))), "from 500 to 20000 m: beyond the track A of 1000 m; end it there"),
+    (sections((8, part("A", -50, 200))), "from -50 to 200 m: beyond the track A"),
+    (sections((8, part("A", 200, 100))), "end = 100: lies before begin 200; exchange them"),
+    ({"neutral_sections": [{"track_ranges": [part("X", 0, 1)]}]}, "neutral_sections.*track 'X': no track"),
+    ({"neutral_sections": [{"track_ranges": [part("C", 0, 9000)]}]}, "beyond the track C of 2000 m"),
+    ({"operational_points": [station("Far", ("A", 4000))]}, "position = 4000: must lie between 0 and"),
+    ({"track_sections": [track("A", 1000), track("A", 900)]}, "id = 'A': two tracks have this id"),
+    (other_a([(5, 500, 2000)]), r"slopes\[0\]: from 500"),
+    (other_a([(5, 0, 600), (-5, 500, 900)]),
+     r"two grades from 500 to 600 m of the path, 0.005 and -0.005 .* correct one of them"),
+    (other_a((), [(300, 0, 900), (-400, 50, 100)]),
+     r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and -400"),
+    (other_a((), [(300, 0, 900), (0, 50, 100)]), r"curves\[1\]: two radii from 50 to 100 m of the path, 300 and 0"),
+    (other_a((), [(-0.4, 0, 900)]), r"track_sections\[0\]: curves\[0\]: radius = -0.4: below 5 m; correct its unit"),
+    ({"speed_sections": [{"speed_limit": 8}]}, r"speed_sections\[0\]: track_ranges: none, so its place is not"),
+    ({"speed_sections": [{"speed_limit": 8, "track_ranges": []}]}, "track_ranges: none"),
+    ({"neutral_sections": [{"track_ranges": None}]}, r"neutral_sections\[0\]: track_ranges: none"),
+    ({"operational_points": [station("Far", ("A", 1001.5))]}, "position = 1001.5: must lie between 0 and 1000"),
+    ({"speed_sections": {}}, "speed_sections = {}: must be a list; correct it$"),
+    ({"track_sections": []}, "track_sections: empty; add the tracks"),
+    ({"switches": [{"id": "x", "switch_type": "turntable", "ports": {}}]}, "type = 'turntable': must be one of link"),
+    ({"switches": [{"id": "x", "switch_type": "link", "ports": ends("TX/END", "A/END")}]}, "not an end of a track"),
+    ({"track_sections": [{"id": "A"}]}, "length: this key is missing"),
+    ({"operational_points": [station("A", ("TX", 0))]}, "track 'TX' is not in track_sections"),
+])  # fmt: skip
 def test_an_entry_that_cannot_be_placed_is_refused(change: dict[str, Any], message: str) -> None:
     """Breaks if an entry vanishes, runs on over the next track, one of two values wins, or a fault has no key."""
     with one_line(f"^loop.json: .*{message}"):
         osrd.osrd_line(LOOP | change, "loop.json", "A..L")
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "message"),
-    [
-        ("<railML", '<!DOCTYPE railML [<!ENTITY a "b">]><railML', "document types and entities are refused"),
-        ("</railML>", "", "not valid XML"),
-        ('version="3.2"', 'version="1.1"', "version = '1.1': must be 2 or 3"),
-        ("<railML", "<kml", "not valid XML"),
-        ("infrastructure", "interlocking", "infrastructure: this element is missing"),
-        ('gradient="12.5"', 'gradient="steep"', "gradient = 'steep': is not a number"),
-        ('posBegin="300"', 'posBegin="9999"', "posBegin = 9999: must lie between"),
-        ('measure="2400"', 'measure="24000"', "outside its linear coordinates"),
-        ('netElementRef="n4" posBegin', 'netElementRef="n9" posBegin', "netElementRef = 'n9': not in the topology"),
-        ('netElementRef="g1"', 'netElementRef="g9"', "operationalPoint op_Alder: netElementRef = 'g9': not in the"),
-        ('ref="n3"', 'ref="n0"', "elementB: ref = 'n0': not in the topology"),
-        ('navigability="None"', 'navigability="both"', "navigability = 'both': must be one of None, Both"),
-        ('applicationDirection="normal"', 'applicationDirection="up"', "= 'up': must be one of both"),
-        ('netElementRef="n4"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
-         'netElementRef="g1"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
-         "speedSection: netElement g1: measure 2400 to 2550 m: outside the linear coordinates of 'lps' of its parts"),
-        ('id="n2"', 'id="n1"', "two net elements have this id"),
-        ('posBegin="300" posEnd="900"', 'posBegin="900" posEnd="300"', "its end lies before its begin, and keeps"),
-        ('netElementRef="n4" posBegin', 'keepsOrientation="no" netElementRef="n4" posBegin',
-         "associatedNetElement n4: keepsOrientation = 'no': must be true or false; correct it"),
-        ('isTemporary="true"', 'isTemporary="True"', "speedSection: isTemporary = 'True': must be true or false"),
-        ('gradient="12.5"', 'gradient="1_2"', "gradient = '1_2': is not a number"),
-        ("</infrastructure>", '</infrastructure><infrastructure id="b"/>', "infrastructure: 2 elements of this name"),
-        ("<signals/>", '<electrifications><electrificationSection id="e" isInsulatedSection="yes"/></electrifications>',
-         "electrificationSection e: isInsulatedSection = 'yes': must be true or false"),
-        ("</gradientCurves>", curves("gradientCurve", ('gradient="3"', 500, 600)).replace('"e"', '"n4"')
-         + "</gradientCurves>", "two grades from 1200 to 1300 m of the path"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("before", "after", "message"), [
+    ("<railML", '<!DOCTYPE railML [<!ENTITY a "b">]><railML', "document types and entities are refused"),
+    ("</railML>", "", "not valid XML"),
+    ('version="3.2"', 'version="1.1"', "version = '1.1': must be 2 or 3"),
+    ("<railML", "<kml", "not valid XML"),
+    ("infrastructure", "interlocking", "infrastructure: this element is missing"),
+    ('gradient="12.5"', 'gradient="steep"', "gradient = 'steep': is not a number"),
+    ('posBegin="300"', 'posBegin="9999"', "posBegin = 9999: must lie between"),
+    ('measure="2400"', 'measure="24000"', "outside its linear coordinates"),
+    ('netElementRef="n4" posBegin', 'netElementRef="n9" posBegin', "netElementRef = 'n9': not in the topology"),
+    ('netElementRef="g1"', 'netElementRef="g9"', "operationalPoint op_Alder: netElementRef = 'g9': not in the"),
+    ('ref="n3"', 'ref="n0"', "elementB: ref = 'n0': not in the topology"),
+    ('navigability="None"', 'navigability="both"', "navigability = 'both': must be one of None, Both"),
+    ('applicationDirection="normal"', 'applicationDirection="up"', "= 'up': must be one of both"),
+    ('netElementRef="n4"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
+     'netElementRef="g1"><linearCoordinateBegin positioningSystemRef="lps" measure="2400"',
+     "speedSection: netElement g1: measure 2400 to 2550 m: outside the linear coordinates of 'lps' of its parts"),
+    ('id="n2"', 'id="n1"', "two net elements have this id"),
+    ('posBegin="300" posEnd="900"', 'posBegin="900" posEnd="300"', "its end lies before its begin, and keeps"),
+    ('netElementRef="n4" posBegin', 'keepsOrientation="no" netElementRef="n4" posBegin',
+     "associatedNetElement n4: keepsOrientation = 'no': must be true or false; correct it"),
+    ('isTemporary="true"', 'isTemporary="True"', "speedSection: isTemporary = 'True': must be true or false"),
+    ('gradient="12.5"', 'gradient="1_2"', "gradient = '1_2': is not a number"),
+    ("</infrastructure>", '</infrastructure><infrastructure id="b"/>', "infrastructure: 2 elements of this name"),
+    ("<signals/>", '<electrifications><electrificationSection id="e" isInsulatedSection="yes"/></electrifications>',
+     "electrificationSection e: isInsulatedSection = 'yes': must be true or false"),
+    ("</gradientCurves>", curves("gradientCurve", ('gradient="3"', 500, 600)).replace('"e"', '"n4"')
+     + "</gradientCurves>", "two grades from 1200 to 1300 m of the path"),
+])  # fmt: skip
 def test_a_railml_entry_that_cannot_be_placed_is_refused(railml: Path, before: str, after: str, message: str) -> None:
     """Breaks if an entity is expanded, a fault is a traceback, or a contradiction is left out in silence."""
     assert before in RAILML
@@ -811,16 +796,13 @@ def with_collection(railml: Path, where: str, direction: str = "both", element: 
     return f"{railml}:n1..n4"
 
 
-@pytest.mark.parametrize(
-    ("where", "begin", "end", "sign"),
-    [
-        ('netElementRef="g2" posBegin="100" posEnd="300">', 600, 800, 1),
-        ('netElementRef="g3" posBegin="3500" posEnd="3700">', 600, 800, -1),
-        ('netElementRef="g2" keepsOrientation="false" intrinsicCoordBegin="0.5">', 2400, 4300, -1),
-        ('netElementRef="g2">', 500, 4300, 1), (measured("g2", 650, 1000), 650, 1000, 1),
-        (measured("g1", 100, 400), 100, 400, 1),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("where", "begin", "end", "sign"), [
+    ('netElementRef="g2" posBegin="100" posEnd="300">', 600, 800, 1),
+    ('netElementRef="g3" posBegin="3500" posEnd="3700">', 600, 800, -1),
+    ('netElementRef="g2" keepsOrientation="false" intrinsicCoordBegin="0.5">', 2400, 4300, -1),
+    ('netElementRef="g2">', 500, 4300, 1), (measured("g2", 650, 1000), 650, 1000, 1),
+    (measured("g1", 100, 400), 100, 400, 1),
+])  # fmt: skip
 def test_an_entry_on_a_collection_holds_on_its_parts(railml, where, begin, end, sign):
     """Breaks if an entry on net elements of a higher level vanishes, is moved, or has the wrong direction."""
     line = load_line(with_collection(railml, where))
@@ -838,22 +820,19 @@ def test_a_limit_of_one_direction_of_a_collection(railml: Path) -> None:
             assert any(e.speed == pytest.approx(30 / 3.6) for e in line.temporary_restrictions) == slow
 
 
-@pytest.mark.parametrize(
-    ("where", "element", "message"),
-    [
-        ('netElementRef="g5" posBegin="0" posEnd="100">', collection("g5", "1", "n3", "n4", ordered=False),
-         r"netElement g5: its parts have no order \(elementCollectionUnordered\).*locate the entry on n3, n4, or by"),
-        ('netElementRef="g5">', collection("g5", "1", "n1", "n4"), "'n4' is not joined to the part before it"),
-        ('netElementRef="g5">', collection("g5", "1", "n3", "n9"), "elementPart 'n9': not in the topology"),
-        ('netElementRef="g5">', collection("g5", "1", "n3", "g5"), "elementPart 'g5' contains it; remove this part"),
-        ('netElementRef="g5" posBegin="0" posEnd="3900">', collection("g5", "1", "n3", "n4"),
-         "posEnd = 3900: must lie between 0 and 3800"),
-        (measured("g5", 400, 700), collection("g5", "1", "n3", "n4"), "measure 400 to 700 m: outside the linear"),
-        ('netElementRef="g5" posBegin="0" posEnd="9">',
-         collection("g5", "1", "n3", "n4").replace('"g5"', '"g5" length="5000"'),
-         "length = 5000: its parts have 3800 m; correct one of them"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("where", "element", "message"), [
+    ('netElementRef="g5" posBegin="0" posEnd="100">', collection("g5", "1", "n3", "n4", ordered=False),
+     r"netElement g5: its parts have no order \(elementCollectionUnordered\).*locate the entry on n3, n4, or by"),
+    ('netElementRef="g5">', collection("g5", "1", "n1", "n4"), "'n4' is not joined to the part before it"),
+    ('netElementRef="g5">', collection("g5", "1", "n3", "n9"), "elementPart 'n9': not in the topology"),
+    ('netElementRef="g5">', collection("g5", "1", "n3", "g5"), "elementPart 'g5' contains it; remove this part"),
+    ('netElementRef="g5" posBegin="0" posEnd="3900">', collection("g5", "1", "n3", "n4"),
+     "posEnd = 3900: must lie between 0 and 3800"),
+    (measured("g5", 400, 700), collection("g5", "1", "n3", "n4"), "measure 400 to 700 m: outside the linear"),
+    ('netElementRef="g5" posBegin="0" posEnd="9">',
+     collection("g5", "1", "n3", "n4").replace('"g5"', '"g5" length="5000"'),
+     "length = 5000: its parts have 3800 m; correct one of them"),
+])  # fmt: skip
 def test_an_entry_on_a_collection_that_cannot_be_placed_is_refused(railml, where, element, message):
     """Breaks if the reason is not the true one, or the entry is placed somewhere."""
     with one_line(f"^{railml}.*{message}"):

@@ -767,14 +767,11 @@ def _speak(bench, name):
     return node
 
 
-@pytest.mark.parametrize(
-    ("name", "leaves", "renewed", "text"),
-    [
-        ("observer", True, True, ""), ("observer", True, False, ""),
-        ("mine", False, False, ": a second node mine too;"),
-        ("observer", False, False, ": a second node observer too;"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "leaves", "renewed", "text"), [
+    ("observer", True, True, ""), ("observer", True, False, ""),
+    ("mine", False, False, ": a second node mine too;"),
+    ("observer", False, False, ": a second node observer too;"),
+])  # fmt: skip
 def test_a_new_publisher_is_accepted_only_after_the_notice_of_a_restart(name, leaves, renewed, text, make):
     """Breaks if a restarted node is refused, any other publisher accepted, or a program has the name of its role."""
     bench = make(Role.CONTROLLER)

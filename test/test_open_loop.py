@@ -107,31 +107,28 @@ def test_a_notch_against_the_air_brake_at_standstill_acts() -> None:
     assert found.front_velocity[-1] > 3
 
 
-@pytest.mark.parametrize(
-    ("changes", "problem"),
-    [
-        ({"law": "pid"}, "law: with profile.driver the run has no law"),
-        ({"replan": {}}, "replan: with profile.driver"),
-        ({"brake": {"policy": "blend"}}, "brake.policy: with profile.driver"),
-        ({"profile": {"driver": [{"time": 1, "notch": 3}]}}, "power unit 0 has no notch 3; give -2 ... 2"),
-        ({"profile": {"driver": [{"time": 1, "notch": 1, "units": [1]}]}}, "1 is not one of the 1 power units"),
-        ({"profile": {"driver": [{"time": 1}]}}, "neither notch nor reduction"),
-        ({"profile": {"driver": [{"notch": 1}]}}, "exactly one of time and place"),
-        ({"profile": {"driver": [{"time": 1, "reduction": 5e4}]}}, "driver.0.reduction: the consist has no air_brake"),
-        ({"plant": {"consist": engine() | {"air_brake": AIR_BRAKE}, "line": "level"},
-          "profile": {"driver": [{"time": 1, "reduction_kpa": 900}]}},
-         "driver.0.reduction = 900000 Pa: exceeds the charged 600000 Pa; lower it"),
-        ({"observer": "eso"}, "observer: with profile.driver"),
-        ({"compensation": "preview"}, "compensation: with profile.driver"),
-        ({"profile": {"driver": [{"time": 9, "notch": 1}, {"time": 5, "notch": 2}]}}, "driver.1.time = 5: lies"),
-        ({"profile": {"driver": [{"place": 9, "notch": 1}, {"place": 5, "notch": 2}]}},
-         "driver.1.place = 5: lies before 9,"),
-        ({"profile": {"driver": [{"place_km": 999, "notch": 1}]}}, "driver.0.place = 999000: beyond the end"),
-        ({"profile": {"driver": [{"time": 1, "notch": 1}], "until": 9}}, "until with driver: "),
-        ({"plant": {"consist": engine(notches=None, traction=[{"to": 50, "force": 1e5}]), "line": "level"}},
-         "power unit without notches"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "problem"), [
+    ({"law": "pid"}, "law: with profile.driver the run has no law"),
+    ({"replan": {}}, "replan: with profile.driver"),
+    ({"brake": {"policy": "blend"}}, "brake.policy: with profile.driver"),
+    ({"profile": {"driver": [{"time": 1, "notch": 3}]}}, "power unit 0 has no notch 3; give -2 ... 2"),
+    ({"profile": {"driver": [{"time": 1, "notch": 1, "units": [1]}]}}, "1 is not one of the 1 power units"),
+    ({"profile": {"driver": [{"time": 1}]}}, "neither notch nor reduction"),
+    ({"profile": {"driver": [{"notch": 1}]}}, "exactly one of time and place"),
+    ({"profile": {"driver": [{"time": 1, "reduction": 5e4}]}}, "driver.0.reduction: the consist has no air_brake"),
+    ({"plant": {"consist": engine() | {"air_brake": AIR_BRAKE}, "line": "level"},
+      "profile": {"driver": [{"time": 1, "reduction_kpa": 900}]}},
+     "driver.0.reduction = 900000 Pa: exceeds the charged 600000 Pa; lower it"),
+    ({"observer": "eso"}, "observer: with profile.driver"),
+    ({"compensation": "preview"}, "compensation: with profile.driver"),
+    ({"profile": {"driver": [{"time": 9, "notch": 1}, {"time": 5, "notch": 2}]}}, "driver.1.time = 5: lies"),
+    ({"profile": {"driver": [{"place": 9, "notch": 1}, {"place": 5, "notch": 2}]}},
+     "driver.1.place = 5: lies before 9,"),
+    ({"profile": {"driver": [{"place_km": 999, "notch": 1}]}}, "driver.0.place = 999000: beyond the end"),
+    ({"profile": {"driver": [{"time": 1, "notch": 1}], "until": 9}}, "until with driver: "),
+    ({"plant": {"consist": engine(notches=None, traction=[{"to": 50, "force": 1e5}]), "line": "level"}},
+     "power unit without notches"),
+])  # fmt: skip
 def test_a_schedule_that_does_not_fit_is_refused(changes: dict[str, Any], problem: str, tmp_path: Path) -> None:
     """Breaks if a law and a driver fight, or a missing notch is left out in silence."""
     path = tmp_path / "driven.yaml"

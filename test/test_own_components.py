@@ -332,20 +332,16 @@ class Spoilt(Predicting):
         return replace(super().step(inputs), position=np.array([np.nan]))
 
 
-@pytest.mark.parametrize(
-    ("given", "said", "method", "faults"),
-    [
-        ({"law": Silent("whole")}, "law Silent: diagnostics() returned NoneType; return a dictionary of texts",
-         Silent.diagnostics, []),
-        ({"law": Misses("whole")}, "law Misses: KeyError: 'missed'", Misses.on_missed_sample,
-         [{"topic": "train/measurement", "do": "drop", "end": 0.2}]),
-        ({"compensation": Absent}, "compensation Absent: step() returned NoneType; return LawInput(...)",
-         Absent.step, []),
-        ({"compensation": Wide}, "compensation Wide: step() returned feedforward of shape (7,); return an array of 1",
-         Wide.step, []),
-        ({"compensation": Spoilt}, "compensation Spoilt: step() returned invalid inputs: position", Spoilt.step, []),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("given", "said", "method", "faults"), [
+    ({"law": Silent("whole")}, "law Silent: diagnostics() returned NoneType; return a dictionary of texts",
+     Silent.diagnostics, []),
+    ({"law": Misses("whole")}, "law Misses: KeyError: 'missed'", Misses.on_missed_sample,
+     [{"topic": "train/measurement", "do": "drop", "end": 0.2}]),
+    ({"compensation": Absent}, "compensation Absent: step() returned NoneType; return LawInput(...)", Absent.step, []),
+    ({"compensation": Wide}, "compensation Wide: step() returned feedforward of shape (7,); return an array of 1",
+     Wide.step, []),
+    ({"compensation": Spoilt}, "compensation Spoilt: step() returned invalid inputs: position", Spoilt.step, []),
+])  # fmt: skip
 def test_every_method_that_is_wrong_is_named_with_its_file(given: Any, said: str, method: Any, faults: Any) -> None:
     """Breaks if the line has a file of this project in place of that of the component, or no component."""
     error = failed("demo" if faults else "xuzhou_metro", **given, set={**METRO, "faults": faults})

@@ -161,24 +161,21 @@ def test_grades_are_averaged_over_the_vehicle_length_on_request() -> None:
     assert result.force[knot] == pytest.approx(100e3 * 9.81 * 0.0025, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("parts", "asked", "message"),
-    [
-        ({"grades": [{"at": 0, "grade": 0.2}]}, {"begin": 300}, r"cannot start at km 0\.\d+: .* need \d+ kN, traction"),
-        ({"grades": [{"at": 500, "grade": 0.5}]}, {}, r"stalls at km 0\.\d+"),
-        ({"grades": [{"at": 500, "grade": -0.5}]}, {}, r"cannot brake for the stop at km 2\.000: .* per mille"),
-        (
-            {"grades": [{"at": 500, "grade": -0.2}, {"at": 1200, "grade": 0}],
-             "speed_limits": [{"at": 0, "speed": 30}, {"at": 1000, "speed": 8}]},
-            {}, r"cannot brake for the limit of 29 km/h at km \d\.\d+",
-        ),
-        ({}, {"end": 2500}, r"end of the plan at km 2\.500 lies beyond line 'own'"),
-        ({"stops": [{"at": 2400, "name": "far"}]}, {}, r"stop 'far' at km 2\.400 lies beyond line 'own'"),
-        ({}, {"time": 30}, r"timetable too tight: .* at least \d+\.\d s are needed"),
-        ({}, {"begin_speed": 30, "end": 100}, r"begin_speed 108\.0 km/h at km 0\.000 is too high"),
-        ({}, {"begin": 1999.99}, "has no length"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("parts", "asked", "message"), [
+    ({"grades": [{"at": 0, "grade": 0.2}]}, {"begin": 300}, r"cannot start at km 0\.\d+: .* need \d+ kN, traction"),
+    ({"grades": [{"at": 500, "grade": 0.5}]}, {}, r"stalls at km 0\.\d+"),
+    ({"grades": [{"at": 500, "grade": -0.5}]}, {}, r"cannot brake for the stop at km 2\.000: .* per mille"),
+    (
+        {"grades": [{"at": 500, "grade": -0.2}, {"at": 1200, "grade": 0}],
+         "speed_limits": [{"at": 0, "speed": 30}, {"at": 1000, "speed": 8}]},
+        {}, r"cannot brake for the limit of 29 km/h at km \d\.\d+",
+    ),
+    ({}, {"end": 2500}, r"end of the plan at km 2\.500 lies beyond line 'own'"),
+    ({"stops": [{"at": 2400, "name": "far"}]}, {}, r"stop 'far' at km 2\.400 lies beyond line 'own'"),
+    ({}, {"time": 30}, r"timetable too tight: .* at least \d+\.\d s are needed"),
+    ({}, {"begin_speed": 30, "end": 100}, r"begin_speed 108\.0 km/h at km 0\.000 is too high"),
+    ({}, {"begin": 1999.99}, "has no length"),
+])  # fmt: skip
 def test_an_impossible_plan_is_refused_with_place_and_reason(parts, asked, message):
     with pytest.raises(ValueError, match=message) as caught:
         plan_profile(line_of(2000, **parts), STRONG, PlanSettings(**asked))

@@ -319,13 +319,10 @@ def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: i
     assert found == pytest.approx(shortest_time(line, car, 4, (1.0, 0.8)), rel=3e-3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "begin", "end", "value"),
-    [
-        ("adhesion", 200, 2500, 0.35), ("adhesion", 1000, 2500, 0.3), ("adhesion", 0, 4500, 0.25),
-        ("power_limits", 200, 2500, 900e3), ("power_limits", 1000, 3000, 600e3),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("kind", "begin", "end", "value"), [
+    ("adhesion", 200, 2500, 0.35), ("adhesion", 1000, 2500, 0.3), ("adhesion", 0, 4500, 0.25),
+    ("power_limits", 200, 2500, 900e3), ("power_limits", 1000, 3000, 600e3),
+])  # fmt: skip
 def test_the_shortest_time_with_low_adhesion_or_power_is_found(
     kind: str, begin: float, end: float, value: float
 ) -> None:

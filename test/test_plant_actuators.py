@@ -28,13 +28,10 @@ def applied(speed_kmh: float, demand: float, **setup: Any) -> float:
     return float(drive(locomotive(speed_kmh, **setup), 0.001, demand).applied[0])
 
 
-@pytest.mark.parametrize(
-    ("speed", "traction", "brake"),
-    [
-        (0.0, 760, 0), (3.0, 760, 276.6), (4.99, 760, 460.1), (5.01, 760.0, 461), (40.0, 627, 461), (64.9, 532.4, 461),
-        (75.1, 460.2, 460.2), (100.0, 345.6, 345.6), (121.0, 0, 0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("speed", "traction", "brake"), [
+    (0.0, 760, 0), (3.0, 760, 276.6), (4.99, 760, 460.1), (5.01, 760.0, 461), (40.0, 627, 461), (64.9, 532.4, 461),
+    (75.1, 460.2, 460.2), (100.0, 345.6, 345.6), (121.0, 0, 0),
+])  # fmt: skip
 def test_envelopes_of_the_hxd1(speed: float, traction: float, brake: float) -> None:
     """Eqs. (1) and (2) of paper 000 at the ends of the segments, by hand in kN; 0 beyond 120 km/h."""
     assert applied(speed, 1e6) == pytest.approx(1e3 * traction, rel=1e-3)

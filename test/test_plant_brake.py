@@ -224,13 +224,10 @@ HALF = with_brake(
 MOST = with_brake(reservoir_use=0.8, recharge_time=60.0, reduction=(0.0, 100e3, 170e3), braking_factor=(0, 0.34, 0.6))
 
 
-@pytest.mark.parametrize(
-    ("consist", "reductions_kpa", "level"),
-    [
-        (HALF, [170], 0.6), (HALF, [50, 100, 170], 0.6), (HALF, [50, 60], 0.204), (HALF, [170, 100], 0.34),
-        (MOST, [170, 100, 170], 0.34 + (1.0 - 0.8) / (0.8 / 0.6)), (MOST, [170, 100, 170, 100, 170], 0.34),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("consist", "reductions_kpa", "level"), [
+    (HALF, [170], 0.6), (HALF, [50, 100, 170], 0.6), (HALF, [50, 60], 0.204), (HALF, [170, 100], 0.34),
+    (MOST, [170, 100, 170], 0.34 + (1.0 - 0.8) / (0.8 / 0.6)), (MOST, [170, 100, 170, 100, 170], 0.34),
+])  # fmt: skip
 def test_each_rise_uses_its_part_of_the_supply(consist: Consist, reductions_kpa: list[float], level: float) -> None:
     """Breaks if the supply is scaled by the first step (28 % less), or rises without a release find air for ever."""
     plant = train(consist, plain_line(begin_km=-10), start={"speed_kmh": 100})

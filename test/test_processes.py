@@ -57,18 +57,15 @@ DIED = "its process was ended by SIGKILL"
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize(
-    ("victim", "number", "goes_on", "limit", "says"),
-    [
-        ("observer", signal.SIGKILL, None, LIMIT_S, f"node observer failed: {DIED}"),
-        ("plant", signal.SIGKILL, None, LIMIT_S, f"node plant failed: {DIED}"),
-        ("controller", signal.SIGSTOP, None, 5.0, "node controller failed: no answer to stamp"),
-        ("plant", signal.SIGSTOP, LEASE_S + 2.0, 5.0,
-         r"node plant failed: its process was suspended for \d+\.\d s; after 3 s the other "),
-        ("plant", signal.SIGSTOP, None, 5.0,
-         r"node plant failed: no report for 25 s after tick \d+; its process hangs; its process was stopped "),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("victim", "number", "goes_on", "limit", "says"), [
+    ("observer", signal.SIGKILL, None, LIMIT_S, f"node observer failed: {DIED}"),
+    ("plant", signal.SIGKILL, None, LIMIT_S, f"node plant failed: {DIED}"),
+    ("controller", signal.SIGSTOP, None, 5.0, "node controller failed: no answer to stamp"),
+    ("plant", signal.SIGSTOP, LEASE_S + 2.0, 5.0,
+     r"node plant failed: its process was suspended for \d+\.\d s; after 3 s the other "),
+    ("plant", signal.SIGSTOP, None, 5.0,
+     r"node plant failed: no report for 25 s after tick \d+; its process hangs; its process was stopped "),
+])  # fmt: skip
 def test_a_node_that_dies_or_hangs_is_named(victim, number, goes_on, limit, says, setup, tmp_path):
     """Fails if the run continues with old values or for ever, names another node, or leaves the stopped process."""
     started = []

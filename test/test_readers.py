@@ -178,29 +178,26 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
         line()
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "line", "train"),
-    [
-        ("a.gpx", "<gpx/>", "0 tracks", r"holds a line \(GPX\), no train"),
-        ("a.csv", "time_s,speed_kmh\n0,1\n", "unknown column 'time_s'", r"holds a line \(table\), no train"),
-        ("a.xlsx", "PK\x03", r"a table \(Excel\) is not read", ""),
-        ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "a list of heights of ALTRIOS is not read", ""),
-        ("a.yaml", "- {offset: 0, top: 3}\n", "holds a list of entries with offset, top", ""),
-        ("a.yaml", "network: [{idx_next: 2}]\n", "no supported line format", "no supported train format"),
-        ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
-        ("a.json", '{"effort_curves": {}}', r"holds a train \(OSRD\), no line", None),
-        ("a.railml", '<railML version="3.2"><rollingstock/></railML>', r"train \(railML\), no line", "0 formations"),
-        ("a.yaml", "60\n", "holds one number in place of keys and values", ""),
-        ("a.yaml", "", "is empty", ""),
-        ("a.yaml", "<gpx/>", "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx", ""),
-        ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them", None),
-        ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them", None),
-        ("a.yaml", yaml.safe_dump(PATH), None, r"holds a line \(railtoolkit\), no train; exchange them"),
-        ("a.json", '{"track_sections": []}', None, r"holds a line \(OSRD\), no train; exchange them"),
-        ("a.railml", '<railML version="3.2"><infrastructure/></railML>', None, r"a line \(railML\), no train"),
-        ("a.yaml", "x: 1\n", "no supported line format .*train_ato/line/1", "no supported train format.*consist/1"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "text", "line", "train"), [
+    ("a.gpx", "<gpx/>", "0 tracks", r"holds a line \(GPX\), no train"),
+    ("a.csv", "time_s,speed_kmh\n0,1\n", "unknown column 'time_s'", r"holds a line \(table\), no train"),
+    ("a.xlsx", "PK\x03", r"a table \(Excel\) is not read", ""),
+    ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "a list of heights of ALTRIOS is not read", ""),
+    ("a.yaml", "- {offset: 0, top: 3}\n", "holds a list of entries with offset, top", ""),
+    ("a.yaml", "network: [{idx_next: 2}]\n", "no supported line format", "no supported train format"),
+    ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
+    ("a.json", '{"effort_curves": {}}', r"holds a train \(OSRD\), no line", None),
+    ("a.railml", '<railML version="3.2"><rollingstock/></railML>', r"train \(railML\), no line", "0 formations"),
+    ("a.yaml", "60\n", "holds one number in place of keys and values", ""),
+    ("a.yaml", "", "is empty", ""),
+    ("a.yaml", "<gpx/>", "XML is read as railML, in a file that ends in .railml or .xml, and as GPX in .gpx", ""),
+    ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them", None),
+    ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them", None),
+    ("a.yaml", yaml.safe_dump(PATH), None, r"holds a line \(railtoolkit\), no train; exchange them"),
+    ("a.json", '{"track_sections": []}', None, r"holds a line \(OSRD\), no train; exchange them"),
+    ("a.railml", '<railML version="3.2"><infrastructure/></railML>', None, r"a line \(railML\), no train"),
+    ("a.yaml", "x: 1\n", "no supported line format .*train_ato/line/1", "no supported train format.*consist/1"),
+])  # fmt: skip
 def test_a_file_of_another_kind_is_named(tmp_path, name, text, line, train):
     """Breaks if a file of another kind is called a 'str', or the remedy does not help; an empty message is the same."""
     (tmp_path / name).write_text(text)
@@ -234,58 +231,55 @@ def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFi
     assert "grades[1]: 13000 m lies beyond the end of the line, 12000 m" in printed and "grades[0]" not in printed
 
 
-@pytest.mark.parametrize(
-    ("what", "path", "value", "message"),
-    [
-        ("bench", ("gradients", "values", 1, 0), 14e3, "grades[1]: 14000 m lies beyond the end of the line, 5000 m"),
-        ("bench", ("speed limits", "values", 1, 1), 900, "speed_limits[1]: speed 250 is 900 km/h; check its unit"),
-        ("path", ("paths", 0, "characteristic_sections", 1, 2), 400, "grades[1]: grade 0.4 is 400 per mille"),
-        ("own", ("grades",), [{"at": 0, "grade_permille": 0.012}], "the steepest is 0.012 per mille; check its unit"),
-        ("own", ("stops",), [{"at": -50}], "stops[0]: -50 m lies before the begin of the line, 0 m"),
-        ("own", ("neutral_sections",), [{"begin": -9, "end": -3}], "neutral_sections[0]: -9 m lies before the begin"),
-        ("own", ("adhesion",), [{"begin": 9, "end": 4000, "factor": 0.5}],
-         "adhesion[0]: its end 4000 m lies beyond the end of the line, 3000 m"),
-        ("own", ("tunnels",), [{"begin": 9, "end": 4000, "cross_section": 40}], "tunnels[0]: its end 4000 m lies"),
-        ("own", ("coordinates",), [{"at": at, "latitude": 48.1, "longitude": 11.5} for at in (0, 4000)],
-         "coordinates[1]: 4000 m lies beyond the end"),
-        ("own", ("power_limits",), [{"begin": 9, "end": 20, "power": 800}],
-         "power_limits[0].power = 800: usual are 20000 to 500000000 W; check its unit"),
-        ("own", ("curves",), [{"begin": 0, "end": 9, "radius_km": 300}], "curves[0].radius = 300000: usual are 10 to"),
-        ("own", ("curves",), [{"begin": 0, "end": 9, "radius": 300}, {"begin": 5, "end": 20, "radius": 400}],
-         "curves: two from 5 to 9 m; their resistances add"),
-        ("own", ("speed_limits",), [{"at": 0, "speed": 80}], "speed 80 is 288 km/h; write speed_kmh for km/h"),
-        ("bench", ("curvatures", "values"), [[300.0, 100, 100]], "6.25 m/s² to the side at 300 m, with 90 km/h on a"),
-        ("own", ("tunnels",), [{"begin": at, "end": at + 9, "resistance_n_per_kn": 1} for at in (0, 5)],
-         "tunnels: two from 5 to 9 m; their resistances add"),
-        ("train", ("vehicles", 0, "mass"), 80e3, "loco: mass 80000000 kg on 18 m; check its unit"),
-        ("train", ("vehicles", 0, "tractive_effort"), [[0, 200], [120, 60]], "traction 199.58 N for 180000 kg"),
-        ("consist", ("vehicle_types", "car", "length"), 20e3, "car: mass 40000 kg on 20000 m; check its unit"),
-        ("consist", ("vehicle_types", "car", "rotating_mass_factor"), 8, "car: rotating_mass_factor 8; check its unit"),
-        ("consist", ("vehicle_types", "car", "traction", 0, "force_kn"), 50e3, "traction 50000000 N for 40000 kg"),
-        ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 625e3, "traction power 625000000 W for"),
-        ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 0.625, "from 50000 N to 50 N at 12.5 m/s"),
-        ("consist", ("vehicle_types", "car", "brake"), [{"to": 9, "force": 5e4}, {"to": 99, "force": 50}],
-         "car: brake changes from 50000 N to 50 N at 9 m/s"),
-        ("consist", ("vehicle_types", "car", "resistance", "n"), [0.7, 0.02, 0.002],
-         "running resistance 1.9 N at 72 km/h for 40000 kg"),
-        ("consist", ("vehicle_types", "car", "brake", 0, "force_kn"), 60e3, "brake 60000000 N for 40000 kg"),
-        ("consist", ("vehicle_types", "car", "shoes"), {"count": 8, "force": 25, "friction": 0.4},
-         "vehicle_types.car.shoes.force = 25: usual are 500 to 500000 N"),
-        ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 20}, "rigid.stiffness = 20: usual are"),
-        ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 2e7, "damping": 60}, "damping = 60: us"),
-        ("consist", ("air_brake",), {"apply_wave": 0.2}, "air_brake.apply_wave = 0.2: usual are 60 to 350 m/s"),
-        ("consist", ("air_brake",), {"release_wave": 130}, "air_brake.release_wave = 130: usual are 12 to 120 m/s"),
-        ("consist", ("air_brake",), {"release_time": 6000}, "air_brake.release_time = 6000: usual are 0.2 to 120 s"),
-        ("consist", ("emergency_brake",), {"delay": 0.01}, "emergency_brake.delay = 0.01: usual are 0.05 to 60 s"),
-        ("consist", ("air_brake",), {}, "air_brake has no force, because no vehicle of the train has shoes"),
-        ("consist", ("vehicle_types", "car", "shoes"), {"count": 8, "force_kn": 25, "friction": 0.4},
-         "car: shoes have no effect without an air brake; add air_brake"),
-        ("consist", ("vehicle_types", "car", "electric_brake"), [{"to": 9, "force_kn": 70}],
-         "car: electric_brake has 70000 N at 9 m/s, more than brake with 60000 N, of which it is a part"),
-        ("own", ("stops",), [{"at": 50, "dwell": 0.5}], "stops[0].dwell = 0.5: usual are 2 to 14400 s"),
-        ("train", ("vehicles", 1, "a_braking"), -0.1, "vehicles[1]: a_braking: no effect in a vehicle of type"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("what", "path", "value", "message"), [
+    ("bench", ("gradients", "values", 1, 0), 14e3, "grades[1]: 14000 m lies beyond the end of the line, 5000 m"),
+    ("bench", ("speed limits", "values", 1, 1), 900, "speed_limits[1]: speed 250 is 900 km/h; check its unit"),
+    ("path", ("paths", 0, "characteristic_sections", 1, 2), 400, "grades[1]: grade 0.4 is 400 per mille"),
+    ("own", ("grades",), [{"at": 0, "grade_permille": 0.012}], "the steepest is 0.012 per mille; check its unit"),
+    ("own", ("stops",), [{"at": -50}], "stops[0]: -50 m lies before the begin of the line, 0 m"),
+    ("own", ("neutral_sections",), [{"begin": -9, "end": -3}], "neutral_sections[0]: -9 m lies before the begin"),
+    ("own", ("adhesion",), [{"begin": 9, "end": 4000, "factor": 0.5}],
+     "adhesion[0]: its end 4000 m lies beyond the end of the line, 3000 m"),
+    ("own", ("tunnels",), [{"begin": 9, "end": 4000, "cross_section": 40}], "tunnels[0]: its end 4000 m lies"),
+    ("own", ("coordinates",), [{"at": at, "latitude": 48.1, "longitude": 11.5} for at in (0, 4000)],
+     "coordinates[1]: 4000 m lies beyond the end"),
+    ("own", ("power_limits",), [{"begin": 9, "end": 20, "power": 800}],
+     "power_limits[0].power = 800: usual are 20000 to 500000000 W; check its unit"),
+    ("own", ("curves",), [{"begin": 0, "end": 9, "radius_km": 300}], "curves[0].radius = 300000: usual are 10 to"),
+    ("own", ("curves",), [{"begin": 0, "end": 9, "radius": 300}, {"begin": 5, "end": 20, "radius": 400}],
+     "curves: two from 5 to 9 m; their resistances add"),
+    ("own", ("speed_limits",), [{"at": 0, "speed": 80}], "speed 80 is 288 km/h; write speed_kmh for km/h"),
+    ("bench", ("curvatures", "values"), [[300.0, 100, 100]], "6.25 m/s² to the side at 300 m, with 90 km/h on a"),
+    ("own", ("tunnels",), [{"begin": at, "end": at + 9, "resistance_n_per_kn": 1} for at in (0, 5)],
+     "tunnels: two from 5 to 9 m; their resistances add"),
+    ("train", ("vehicles", 0, "mass"), 80e3, "loco: mass 80000000 kg on 18 m; check its unit"),
+    ("train", ("vehicles", 0, "tractive_effort"), [[0, 200], [120, 60]], "traction 199.58 N for 180000 kg"),
+    ("consist", ("vehicle_types", "car", "length"), 20e3, "car: mass 40000 kg on 20000 m; check its unit"),
+    ("consist", ("vehicle_types", "car", "rotating_mass_factor"), 8, "car: rotating_mass_factor 8; check its unit"),
+    ("consist", ("vehicle_types", "car", "traction", 0, "force_kn"), 50e3, "traction 50000000 N for 40000 kg"),
+    ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 625e3, "traction power 625000000 W for"),
+    ("consist", ("vehicle_types", "car", "traction", 1, "power_kw"), 0.625, "from 50000 N to 50 N at 12.5 m/s"),
+    ("consist", ("vehicle_types", "car", "brake"), [{"to": 9, "force": 5e4}, {"to": 99, "force": 50}],
+     "car: brake changes from 50000 N to 50 N at 9 m/s"),
+    ("consist", ("vehicle_types", "car", "resistance", "n"), [0.7, 0.02, 0.002],
+     "running resistance 1.9 N at 72 km/h for 40000 kg"),
+    ("consist", ("vehicle_types", "car", "brake", 0, "force_kn"), 60e3, "brake 60000000 N for 40000 kg"),
+    ("consist", ("vehicle_types", "car", "shoes"), {"count": 8, "force": 25, "friction": 0.4},
+     "vehicle_types.car.shoes.force = 25: usual are 500 to 500000 N"),
+    ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 20}, "rigid.stiffness = 20: usual are"),
+    ("consist", ("draft_gears", "rigid"), {"kind": "linear", "stiffness": 2e7, "damping": 60}, "damping = 60: us"),
+    ("consist", ("air_brake",), {"apply_wave": 0.2}, "air_brake.apply_wave = 0.2: usual are 60 to 350 m/s"),
+    ("consist", ("air_brake",), {"release_wave": 130}, "air_brake.release_wave = 130: usual are 12 to 120 m/s"),
+    ("consist", ("air_brake",), {"release_time": 6000}, "air_brake.release_time = 6000: usual are 0.2 to 120 s"),
+    ("consist", ("emergency_brake",), {"delay": 0.01}, "emergency_brake.delay = 0.01: usual are 0.05 to 60 s"),
+    ("consist", ("air_brake",), {}, "air_brake has no force, because no vehicle of the train has shoes"),
+    ("consist", ("vehicle_types", "car", "shoes"), {"count": 8, "force_kn": 25, "friction": 0.4},
+     "car: shoes have no effect without an air brake; add air_brake"),
+    ("consist", ("vehicle_types", "car", "electric_brake"), [{"to": 9, "force_kn": 70}],
+     "car: electric_brake has 70000 N at 9 m/s, more than brake with 60000 N, of which it is a part"),
+    ("own", ("stops",), [{"at": 50, "dwell": 0.5}], "stops[0].dwell = 0.5: usual are 2 to 14400 s"),
+    ("train", ("vehicles", 1, "a_braking"), -0.1, "vehicles[1]: a_braking: no effect in a vehicle of type"),
+])  # fmt: skip
 def test_traps_of_every_format_are_noted(tmp_path, what, path, value, message, capsys):
     """Breaks if a figure in another unit, or an entry without effect, is taken without a word in one of the formats."""
     own = {"schema": "train_ato/line/1", "name": "y", "end": 3000}
@@ -355,15 +349,12 @@ def test_the_lost_keys_of_a_line_and_a_train_are_noted_where_they_are_used(
     assert told and told[1].count(", ") + 1 + int(told[2]) == len(named_train(str(train)).left_out) > 9
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("0500", 500), ("011000", 11000), ("010", 10), ("-007", -7), ("0o17", 15), ("0x1f", 31), ("1_000", 1000),
-        ("8:15", "8:15"), ("1:30:00.5", "1:30:00.5"), ("NO", "NO"), ("on", "on"), ("Yes", "Yes"), ("true", True),
-        ("2026-11-24", "2026-11-24"), ("60,5", "60,5"), ("1e-2", 0.01), ("1.e3", 1000.0), (".5", 0.5), ("08", 8),
-        ("~", None), ("'08'", "08"), ("0b11", "0b11"), ("-.inf", float("-inf")), ("[60, 5]", [60, 5]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "value"), [
+    ("0500", 500), ("011000", 11000), ("010", 10), ("-007", -7), ("0o17", 15), ("0x1f", 31), ("1_000", 1000),
+    ("8:15", "8:15"), ("1:30:00.5", "1:30:00.5"), ("NO", "NO"), ("on", "on"), ("Yes", "Yes"), ("true", True),
+    ("2026-11-24", "2026-11-24"), ("60,5", "60,5"), ("1e-2", 0.01), ("1.e3", 1000.0), (".5", 0.5), ("08", 8),
+    ("~", None), ("'08'", "08"), ("0b11", "0b11"), ("-.inf", float("-inf")), ("[60, 5]", [60, 5]),
+])  # fmt: skip
 def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
     """Breaks if a leading zero is octal, a colon is base 60, or NO is false; texts survive writing and reading."""
     found = parse_yaml(text)

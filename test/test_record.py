@@ -142,13 +142,10 @@ def test_definitions_are_the_installed_ones(kind):
     assert definition(kind) == there
 
 
-@pytest.mark.parametrize(
-    ("resolved", "name", "expected"),
-    [
-        ("", "ato/command", "/ato/command"), ("/two/ato/command", "ato/command", "/two/ato/command"),
-        ("/clock", "/clock", "/clock"), ("/a/clock", "/clock", "/a/clock"), ("/mine", "ato/command", "/ato/command"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("resolved", "name", "expected"), [
+    ("", "ato/command", "/ato/command"), ("/two/ato/command", "ato/command", "/two/ato/command"),
+    ("/clock", "/clock", "/clock"), ("/a/clock", "/clock", "/a/clock"), ("/mine", "ato/command", "/ato/command"),
+])  # fmt: skip
 def test_names_in_the_log(resolved, name, expected):
     """Breaks if a namespace or a remap is lost, or a log has a name that no reader finds in the table."""
     topic = next(topic for topic in TOPICS if topic.name == name)

@@ -220,20 +220,17 @@ def test_a_changed_index_is_noticed(run, tmp_path, place):
         ReplayLog(tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"rate": 0.0}, "--rate 0: give a number above 0"), ({"rate": float("nan")}, "--rate nan"),
-        ({"start_offset": -1.0}, "--start-offset -1"), ({"duration": 0.0}, "--playback-duration 0"),
-        ({"delay": -1.0}, "--delay -1"), ({"clock_hz": 0.0}, "--clock 0"),
-        ({"acknowledged_s": -0.001}, "--wait-for-all-acked -1"),
-        ({"topics": ("ato/comand",)}, "did you mean '/ato/command'"),
-        ({"exclude": ("cars",)}, "--exclude-topics cars: not in the log"),
-        ({"remap": {"cars": "x"}}, "--remap cars: not in the log"),
-        ({"topics": ("ato/command",), "exclude": ("/ato/command",)}, "leave no topic to publish"),
-        ({"remap": {"ato/command": "/clock"}}, "would both be published as /clock"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("options", "says"), [
+    ({"rate": 0.0}, "--rate 0: give a number above 0"), ({"rate": float("nan")}, "--rate nan"),
+    ({"start_offset": -1.0}, "--start-offset -1"), ({"duration": 0.0}, "--playback-duration 0"),
+    ({"delay": -1.0}, "--delay -1"), ({"clock_hz": 0.0}, "--clock 0"),
+    ({"acknowledged_s": -0.001}, "--wait-for-all-acked -1"),
+    ({"topics": ("ato/comand",)}, "did you mean '/ato/command'"),
+    ({"exclude": ("cars",)}, "--exclude-topics cars: not in the log"),
+    ({"remap": {"cars": "x"}}, "--remap cars: not in the log"),
+    ({"topics": ("ato/command",), "exclude": ("/ato/command",)}, "leave no topic to publish"),
+    ({"remap": {"ato/command": "/clock"}}, "would both be published as /clock"),
+])  # fmt: skip
 def test_bad_options_are_one_line(log, options, says):
     with one_line("", says):
         ReplayOptions(**options).check()

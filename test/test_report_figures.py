@@ -269,14 +269,11 @@ def gusty(tmp_path_factory: pytest.TempPathFactory) -> PageData:
     return page_data(open_recording(drive(tmp_path_factory.mktemp("gusty"), "run", "demo", "--set=duration=12", gust)))
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "text"),
-    [
-        ("coupler_draft_max_kn", 552.4, "552"), ("coupler_draft_max_kn", 0.1649, "0.16"),
-        ("position_rmse_m", 0.00342, "0.0034"), ("position_rmse_m", 1e-12, "0.00"),
-        ("stop_error_m", -0.000117, "−0.00012"), ("replans", 0, "0"), ("stop_error_m", None, "–"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("key", "value", "text"), [
+    ("coupler_draft_max_kn", 552.4, "552"), ("coupler_draft_max_kn", 0.1649, "0.16"),
+    ("position_rmse_m", 0.00342, "0.0034"), ("position_rmse_m", 1e-12, "0.00"),
+    ("stop_error_m", -0.000117, "−0.00012"), ("replans", 0, "0"), ("stop_error_m", None, "–"),
+])  # fmt: skip
 def test_a_small_figure_is_no_nought(key: str, value: float | None, text: str) -> None:
     """Breaks if an error of 3 mm is shown as 0.00 m."""
     assert shown(ROWS[key], {key: value}) == text

@@ -16,24 +16,12 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
-from train_ato.papers import claims, paper_packages
+from train_ato.papers import claims, paper_packages, session
 from train_ato.papers import claims as c
 from train_ato.papers.drawing import HELD, panels, save, trace
 from train_ato.papers.p002_freight import checks as p002
 from train_ato.papers.p003_funnel import claims as p003
 from train_ato.papers.p004_gpc import checks as p004
-from train_ato.papers.session import (
-    Finished,
-    Judged,
-    carry_out,
-    claims_of,
-    judge_paper,
-    load_paper,
-    reproduce,
-    run_cases,
-    section,
-    with_claim,
-)
 from train_ato.scenario.scenario import load_scenario
 
 SHORT = c.Case("demo", {"duration": 2})
@@ -64,9 +52,9 @@ def _paper(cases: Mapping[str, c.Case | c.Calculation], *claims: c.Claim, **more
     return c.Paper("999", "a paper", dict(cases), claims, more.pop("figures", lambda results, folder: []), **more)
 
 
-def _run(papers: list[c.Paper], folder: Path, full: bool = False) -> list[Judged]:
-    done: list[Judged] = []
-    reproduce(papers, folder, full=full, jobs=2, done=done.append, progress=lambda event, total: None)
+def _run(papers: list[c.Paper], folder: Path, full: bool = False) -> list[session.Judged]:
+    done: list[session.Judged] = []
+    session.reproduce(papers, folder, full=full, jobs=2, done=done.append, progress=lambda event, total: None)
     return done
 
 
@@ -86,7 +74,7 @@ def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
 def test_an_engine_case_brings_summary_and_series_without_supervision() -> None:
     """Breaks if an overlay is not applied, series are lost, or the supervisor brakes an inaccurate law of a paper."""
     assert not SHORT.setup().scenario.supervision.enabled
-    result = carry_out(SHORT)
+    result = session.carry_out(SHORT)
     assert result.failure is None and result.summary["simulated_s"] == 2
     assert result.recording is not None and result.recording.time.size == 20
 
@@ -119,13 +107,15 @@ def test_a_judge_may_ask_for_failed_runs() -> None:
 
     results = {"a": c.Result({}, None, "controller: too far")}
     strict, lenient = (c.Claim("x", "-", ("a",), diverged, takes_failures=taken) for taken in (False, True))
-    rows = judge_paper(_paper({"a": SHORT}, strict, lenient), results, full=False)
+    rows = session.judge_paper(_paper({"a": SHORT}, strict, lenient), results, full=False)
     assert [row["verdict"] for row in rows] == ["not reproduced", "reproduced"]
 
 
 def test_a_judge_that_cannot_work_with_the_figures_is_no_traceback() -> None:
     """Breaks if a missing figure ends the command."""
-    row = judge_paper(_paper({"a": SHORT}, c.Claim("x", "-", ("a",), _holds)), {"a": c.Result({}, None)}, full=False)[0]
+    row = session.judge_paper(
+        _paper({"a": SHORT}, c.Claim("x", "-", ("a",), _holds)), {"a": c.Result({}, None)}, full=False
+    )[0]
     assert row["verdict"] == "not reproduced" and "value" in row["reason"]
 
 
@@ -134,16 +124,16 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
     cases = {"short": counted(tmp_path), "long": counted(tmp_path, 2.0, full_only=True)}
     claims = (c.Claim("s", "-", ("short",), _holds), c.Claim("l", "-", ("short", "long"), _holds))
     paper = _paper(cases, *claims)
-    assert [claim.text for claim in claims_of(paper, full=False)] == ["s"]
+    assert [claim.text for claim in session.claims_of(paper, full=False)] == ["s"]
     (quick,) = _run([paper], tmp_path)
     assert list(quick.results) == ["short"] and len(quick.rows) == 1
     (whole,) = _run([paper], tmp_path, full=True)
     assert list(whole.results) == ["short", "long"] and len(whole.rows) == 2
-    (done,) = _run(with_claim([replace(paper, number="998")], "S"), tmp_path, full=True)
+    (done,) = _run(session.with_claim([replace(paper, number="998")], "S"), tmp_path, full=True)
     assert list(done.results) == ["short"] and [row["claim"] for row in done.rows] == ["s"]
     assert not done.complaints and not done.figures
     with pytest.raises(ValueError, match="--claim 'wild': in no claim of 999"):
-        with_claim([paper], "wild")
+        session.with_claim([paper], "wild")
 
 
 def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
@@ -180,13 +170,13 @@ def test_figures_are_for_print(tmp_path: Path) -> None:
     assert first.lines[0].get_ydata().max() == 7.0 and first.lines[0].get_ydata().size < 1e4
     assert second.lines[0].get_drawstyle() == "steps-post"
     paper = _paper({"a": SHORT}, c.Claim("s", "-", ("a",), _holds))
-    assert "| `speed` | Speed over time |" in section(paper, [], {}, [drawn])
+    assert "| `speed` | Speed over time |" in session.section(paper, [], {}, [drawn])
 
 
 def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
     """Breaks if Ctrl-C in the middle of a run leaves a process behind."""
     cases = [(str(number), c.Case("demo", {"seed": number})) for number in range(4)]
-    with pytest.raises(KeyboardInterrupt), closing(run_cases(cases, 2)) as events:
+    with pytest.raises(KeyboardInterrupt), closing(session.run_cases(cases, 2)) as events:
         for _ in events:
             processes = multiprocessing.active_children()
             raise KeyboardInterrupt
@@ -196,16 +186,16 @@ def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
 
 def test_progress_comes_while_a_case_runs() -> None:
     """Breaks if a case reports no progress before its end."""
-    events = list(run_cases([("a", c.Case("demo", {"duration": 400}))], 1))
-    assert isinstance(events[-1], Finished) and events[-1].result.failure is None
-    fractions = [event.fraction for event in events if not isinstance(event, Finished)]
+    events = list(session.run_cases([("a", c.Case("demo", {"duration": 400}))], 1))
+    assert isinstance(events[-1], session.Finished) and events[-1].result.failure is None
+    fractions = [event.fraction for event in events if not isinstance(event, session.Finished)]
     assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1
 
 
 @pytest.mark.parametrize("number", paper_packages())
 def test_every_paper_is_consistent(number: str) -> None:
     """Breaks if a claim names a missing case, a case cannot be prepared, a table has none, or a paper no claim."""
-    paper = load_paper(number)
+    paper = session.load_paper(number)
     assert paper.number == number and paper.claims and paper.title
     assert len({claim.text for claim in paper.claims}) == len(paper.claims)
     for claim in paper.claims:
@@ -231,7 +221,7 @@ def test_a_run_of_a_paper_that_is_named_twice_is_refused(tmp_path: Path, monkeyp
 def test_an_unknown_paper_is_refused_by_name() -> None:
     """Breaks if a wrong number ends in a traceback."""
     with pytest.raises(ValueError, match="paper '017': unknown"):
-        load_paper("017")
+        session.load_paper("017")
 
 
 def _command(monkeypatch: pytest.MonkeyPatch, paper: c.Paper, folder: Path, *options: str) -> int:

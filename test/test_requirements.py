@@ -63,19 +63,16 @@ def test_a_wrong_formula_is_refused_at_its_place(text: str, message: str) -> Non
         parse_formula(text)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        ("G speed <= 36 km/h", "always speed <= 10 m/s"),
-        ("G jerk <= 0.3 m/s3", "G jerk <= 0.3 m/s³"),
-        ("F[0, 2 min] speed > 0", "eventually[0:120] speed >= 0"),
-        ("G speed <= limit and F speed > 0 or not G limit > 0",
-         "((G (speed <= limit)) and (F speed > 0)) or (not (G limit > 0))"),
-        ("G (speed > 0 -> limit > 0 -> speed > 0)", "G (speed > 0 -> (limit > 0 -> speed > 0))"),
-        ("G (position / speed <= 2 s * 3)", "G ((position / speed) <= (2 s * 3))"),
-        ("G -speed <= 1 m/s U limit > 0", "(G (-speed <= 1 m/s)) U[0, end] (limit > 0)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("one", "other"), [
+    ("G speed <= 36 km/h", "always speed <= 10 m/s"),
+    ("G jerk <= 0.3 m/s3", "G jerk <= 0.3 m/s³"),
+    ("F[0, 2 min] speed > 0", "eventually[0:120] speed >= 0"),
+    ("G speed <= limit and F speed > 0 or not G limit > 0",
+     "((G (speed <= limit)) and (F speed > 0)) or (not (G limit > 0))"),
+    ("G (speed > 0 -> limit > 0 -> speed > 0)", "G (speed > 0 -> (limit > 0 -> speed > 0))"),
+    ("G (position / speed <= 2 s * 3)", "G ((position / speed) <= (2 s * 3))"),
+    ("G -speed <= 1 m/s U limit > 0", "(G (-speed <= 1 m/s)) U[0, end] (limit > 0)"),
+])  # fmt: skip
 def test_spellings_units_and_precedence(one: str, other: str) -> None:
     """Breaks if a unit has another factor, or an operator another binding."""
     assert parse_formula(one) == parse_formula(other)
@@ -149,14 +146,11 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
     assert exact.passed is True, "robustness 0 is no violation"
 
 
-@pytest.mark.parametrize(
-    ("formula", "at_s"),
-    [
-        ("G speed <= 3 m/s and G speed >= 1 m/s", 0.2), ("F speed >= 9 m/s or G[0.4,end] speed <= 2 m/s", 0.2),
-        ("not F speed >= 3 m/s", 0.2), ("F[0,0.1] speed >= -2 m/s -> G[0.4,end] speed >= 3 m/s", 0.9),
-        ("speed >= 1 m/s and F speed >= 1 m/s", 0.0), ("speed >= 0 U speed >= 4 m/s", None),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("formula", "at_s"), [
+    ("G speed <= 3 m/s and G speed >= 1 m/s", 0.2), ("F speed >= 9 m/s or G[0.4,end] speed <= 2 m/s", 0.2),
+    ("not F speed >= 3 m/s", 0.2), ("F[0,0.1] speed >= -2 m/s -> G[0.4,end] speed >= 3 m/s", 0.9),
+    ("speed >= 1 m/s and F speed >= 1 m/s", 0.0), ("speed >= 0 U speed >= 4 m/s", None),
+])  # fmt: skip
 def test_a_compound_formula_has_the_time_of_its_decisive_part(formula: str, at_s: float | None) -> None:
     """Breaks if the time is that of the part with the larger margin, or of the wrong end of a window."""
     speed = np.array([0, 1, 9, 2, 4, 4, 4, 4, 4, 2.0])
@@ -287,14 +281,11 @@ def test_bounds_contain_every_continuation_and_close_with_the_run() -> None:
     assert decided > 20, "the bounds never decide"
 
 
-@pytest.mark.parametrize(
-    ("text", "wanted"),
-    [
-        ("G speed <= 4 m/s", 0.0), ("F[0.1, 0.3] speed >= 3 m/s", 0.0), ("G[0.1, 0.25] speed <= 4 m/s", 2.0),
-        ("F[5, 6] speed >= 0", -np.inf), ("G[5, 6] speed >= 0", np.inf), ("speed <= 1 m/s U speed >= 3 m/s", -1.0),
-        ("G[0.2, end] speed >= 3 m/s", -1.0),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "wanted"), [
+    ("G speed <= 4 m/s", 0.0), ("F[0.1, 0.3] speed >= 3 m/s", 0.0), ("G[0.1, 0.25] speed <= 4 m/s", 2.0),
+    ("F[5, 6] speed >= 0", -np.inf), ("G[5, 6] speed >= 0", np.inf), ("speed <= 1 m/s U speed >= 3 m/s", -1.0),
+    ("G[0.2, end] speed >= 3 m/s", -1.0),
+])  # fmt: skip
 def test_values_by_hand(text: str, wanted: float) -> None:
     """Breaks if a window counts a sample beside its limits, or an empty window is finite."""
     found = req.robustness_series(parse_formula(text), {"speed": np.arange(5.0)}, TICK)[0]

@@ -283,16 +283,13 @@ class Given(SiModel):
     pressure: Pressure = 0.0
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "si"),
-    [
-        ("mass_ton", 1, 2000 * 0.45359237), ("mass_lb", 1, 0.45359237), ("length_mi", 1, 1609.344),
-        ("length_ft", 5280, 1609.344), ("place_mi", 1, 1609.344), ("place_ft", 1, 0.3048),
-        ("speed_mph", 1, 1609.344 / 3600), ("time_h", 1, 3600), ("force_lbf", 1, 0.45359237 * 9.80665),
-        ("force_klbf", 1, 1000 * 0.45359237 * 9.80665), ("pressure_psi", 1, 0.45359237 * 9.80665 / 0.0254**2),
-        ("pressure_bar", 1, 1e5),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("key", "value", "si"), [
+    ("mass_ton", 1, 2000 * 0.45359237), ("mass_lb", 1, 0.45359237), ("length_mi", 1, 1609.344),
+    ("length_ft", 5280, 1609.344), ("place_mi", 1, 1609.344), ("place_ft", 1, 0.3048),
+    ("speed_mph", 1, 1609.344 / 3600), ("time_h", 1, 3600), ("force_lbf", 1, 0.45359237 * 9.80665),
+    ("force_klbf", 1, 1000 * 0.45359237 * 9.80665), ("pressure_psi", 1, 0.45359237 * 9.80665 / 0.0254**2),
+    ("pressure_bar", 1, 1e5),
+])  # fmt: skip
 def test_suffixes_of_the_united_states_have_their_defined_values(key: str, value: float, si: float) -> None:
     """Breaks if a ton is a long one, a mile is nautical, or a factor is used the wrong way round."""
     assert getattr(Given.model_validate({key: value}), key.partition("_")[0]) == pytest.approx(si, rel=1e-12)
@@ -336,16 +333,13 @@ def test_daqin_section_has_the_described_shape() -> None:
     assert [entry.speed for entry in line.speed_limits] == [pytest.approx(80 / 3.6)]
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("text: [", "line 1"), ("[1, 2]", "keys and values"), ("end_km: 1\ngradez: []", "gradez"), ("", "end"),
-        ("end: -5", "end -5 m must be beyond begin 0 m"), ("end: .nan", "end"),
-        ("end_km: 54000", r"a line of 54000 km, at most 20000 km; check the unit of end"),
-        ("schema: train_ato/line/9\nname: x\nend: 5", "schema"), ("end: 5\nend_km: 1", "the same quantity"),
-        ("end: 5\ngrades: [{at: 0, grade: 12}]", "write grade_permille"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("text", "says"), [
+    ("text: [", "line 1"), ("[1, 2]", "keys and values"), ("end_km: 1\ngradez: []", "gradez"), ("", "end"),
+    ("end: -5", "end -5 m must be beyond begin 0 m"), ("end: .nan", "end"),
+    ("end_km: 54000", r"a line of 54000 km, at most 20000 km; check the unit of end"),
+    ("schema: train_ato/line/9\nname: x\nend: 5", "schema"), ("end: 5\nend_km: 1", "the same quantity"),
+    ("end: 5\ngrades: [{at: 0, grade: 12}]", "write grade_permille"),
+])  # fmt: skip
 def test_bad_line_files(tmp_path: Path, text: str, says: str) -> None:
     """One line with file and key or position; no traceback of YAML or pydantic."""
     file = tmp_path / "own.yaml"
@@ -355,25 +349,22 @@ def test_bad_line_files(tmp_path: Path, text: str, says: str) -> None:
         load_line(str(file))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "names"),
-    [
-        ("mass_t: 184", "mass_t: -184", "mass"), ("count: 105", "count: 0", "count"),
-        ("count: 105", "count: 2000000", "2000001 vehicles, more than 5000"),
-        ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"), ("kind: clip", "kind: clap", "draft_gears"),
-        ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"), ("traction:", "tracktion:", "did you mean 'traction'"),
-        ("mass_t: 184", "mass: 184", "write mass_t"),
-        ("mass_t: 184", "mass_t: 184\n    adhesive_mass_t: 200", "exceeds the mass"),
-        ("{to_kmh: 65, force_kn: 779", "{to_kmh: 4, force_kn: 779", "rising speed"),
-        ("{to_kmh: 75, force_kn: 461}", "{to_kmh: 75, force_kn: -461}", "above 0"),
-        ("{to_kmh: 5, slope_kn_per_kmh: 92.2}", "{to_kmh: 5, slope_kn_per_kmh: -9}", "above 0"),
-        ("transition_stiffness: 60.0e+6", "transition_stiffness: 6.0e+6", "raise it"),
-        ("behind: [0]", "behind: [0, 0]", "twice"), ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
-        ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "up to 1"),
-        ("braking_factor: [0, 0.17]", "braking_factor: [0.3, 0.17]", "must rise"),
-        ("charged_kpa: 600", "charged: 6", "absolute"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("old", "new", "names"), [
+    ("mass_t: 184", "mass_t: -184", "mass"), ("count: 105", "count: 0", "count"),
+    ("count: 105", "count: 2000000", "2000001 vehicles, more than 5000"),
+    ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"), ("kind: clip", "kind: clap", "draft_gears"),
+    ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"), ("traction:", "tracktion:", "did you mean 'traction'"),
+    ("mass_t: 184", "mass: 184", "write mass_t"),
+    ("mass_t: 184", "mass_t: 184\n    adhesive_mass_t: 200", "exceeds the mass"),
+    ("{to_kmh: 65, force_kn: 779", "{to_kmh: 4, force_kn: 779", "rising speed"),
+    ("{to_kmh: 75, force_kn: 461}", "{to_kmh: 75, force_kn: -461}", "above 0"),
+    ("{to_kmh: 5, slope_kn_per_kmh: 92.2}", "{to_kmh: 5, slope_kn_per_kmh: -9}", "above 0"),
+    ("transition_stiffness: 60.0e+6", "transition_stiffness: 6.0e+6", "raise it"),
+    ("behind: [0]", "behind: [0, 0]", "twice"), ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
+    ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "up to 1"),
+    ("braking_factor: [0, 0.17]", "braking_factor: [0.3, 0.17]", "must rise"),
+    ("charged_kpa: 600", "charged: 6", "absolute"),
+])  # fmt: skip
 def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> None:
     """Typical mistakes in a train file, each with its own message."""
     from plant_sim import library

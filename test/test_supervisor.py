@@ -131,14 +131,10 @@ def supervised(stamp: int, front: float, speed: float, limits: Sequence[float] =
     return SupervisedSpeeds(stamp, np.array([front, *[front + 10.0] * 4]), np.array([speed, *limits]))
 
 
-@pytest.mark.parametrize(
-    ("position", "speed", "word"),
-    [
-        (1000.0, 20.0, ""), (1029.0, 20.0, ""), (1031.0, 20.0, "front at"), (1000.0, 23.5, "km/h"),
-        (np.nan, 20.0, "fini"),
-    ],
-    ids=["equal", "within the error", "position", "speed", "not a number"],
-)  # fmt: skip
+@pytest.mark.parametrize(("position", "speed", "word"), [
+    (1000.0, 20.0, ""), (1029.0, 20.0, ""), (1031.0, 20.0, "front at"), (1000.0, 23.5, "km/h"),
+    (np.nan, 20.0, "fini"),
+], ids=["equal", "within the error", "position", "speed", "not a number"])  # fmt: skip
 def test_an_implausible_measurement_is_found_after_the_confirmation(position: float, speed: float, word: str) -> None:
     """Breaks if a difference counts at once, not at all, or without the error of the odometry."""
     check = MeasurementCheck(SupervisionSpec(), 10.0)
@@ -335,14 +331,11 @@ def test_an_age_equal_to_a_bound_is_permitted() -> None:
     assert found[last : last + 2] == [Protection.NONE, Protection.EMERGENCY_BRAKE]
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ((1.0, 1.0, 1.0), Protection.NONE), ((0.0, 1.0, 1.0), Protection.COAST),
-        ((0.0, 0.0, 1.0), Protection.SERVICE_BRAKE), ((0.0, 0.0, 0.0), Protection.EMERGENCY_BRAKE),
-        ((1.0, 1.0, np.nan), Protection.EMERGENCY_BRAKE), ((1.0, 1.0, 0.5), Protection.EMERGENCY_BRAKE),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "expected"), [
+    ((1.0, 1.0, 1.0), Protection.NONE), ((0.0, 1.0, 1.0), Protection.COAST),
+    ((0.0, 0.0, 1.0), Protection.SERVICE_BRAKE), ((0.0, 0.0, 0.0), Protection.EMERGENCY_BRAKE),
+    ((1.0, 1.0, np.nan), Protection.EMERGENCY_BRAKE), ((1.0, 1.0, 0.5), Protection.EMERGENCY_BRAKE),
+])  # fmt: skip
 def test_only_the_exact_value_releases(values: tuple[float, ...], expected: Protection) -> None:
     """Breaks if a damaged release holds a brake off (fail-safe polarity)."""
     protection = TrainProtection(metro())

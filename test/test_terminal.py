@@ -76,13 +76,10 @@ def test_headers_with_brackets_reach_the_summary_and_info(tmp_path: Path) -> Non
     assert all(title in shown.stdout for title in ("V [km_h].csv", "V [/kmh]", "F [bold]"))
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (999.7, "1000"), (1000.0, "1000"), (-999.96, "-1000"), (1234567.0, "1234567"), (999.4, "999"),
-        (0.0123456, "0.0123"), (float("nan"), "nan"), (float("-inf"), "-inf"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("value", "text"), [
+    (999.7, "1000"), (1000.0, "1000"), (-999.96, "-1000"), (1234567.0, "1234567"), (999.4, "999"),
+    (0.0123456, "0.0123"), (float("nan"), "nan"), (float("-inf"), "-inf"),
+])  # fmt: skip
 def test_numbers_of_tables_have_no_exponent(value: float, text: str) -> None:
     """Breaks if a number from 999.5 on is printed as ``1e+03``."""
     assert format_value(value) == text
@@ -185,18 +182,15 @@ def completed(line: str, folder: Path) -> list[str]:
     return [word.strip() for word in answer.read_text().split("\n")]
 
 
-@pytest.mark.parametrize(
-    ("line", "names"),
-    [
-        ("train-ato co", {"compare", "completion"}),
-        ("train-ato sweep spec.yaml --sch", {"--scheduler"}), ("train-ato run de", {"demo"}),
-        ("train-ato run following", {"following", "following_metro"}),
-        ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
-        ("train-ato run demo --law sm", {"smc"}), ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
-        ("train-ato inject emer", {"emergency-brake"}), ("train-ato plan xu", {"xuzhou_metro_test"}),
-        ("train-ato report runs/", {"runs/one"}),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "names"), [
+    ("train-ato co", {"compare", "completion"}),
+    ("train-ato sweep spec.yaml --sch", {"--scheduler"}), ("train-ato run de", {"demo"}),
+    ("train-ato run following", {"following", "following_metro"}),
+    ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
+    ("train-ato run demo --law sm", {"smc"}), ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
+    ("train-ato inject emer", {"emergency-brake"}), ("train-ato plan xu", {"xuzhou_metro_test"}),
+    ("train-ato report runs/", {"runs/one"}),
+])  # fmt: skip
 def test_a_shell_completes_commands_options_and_names(line: str, names: set[str], tmp_path: Path) -> None:
     """Breaks if a command, an option, a shipped name or a run is not offered."""
     pytest.importorskip("argcomplete")

@@ -157,13 +157,10 @@ def dead_time(setup: RunSetup) -> float:
     return float(max(setup.model.delay[0], setup.model.delay_brake[0])) + setup.model.lag + setup.control_period
 
 
-@pytest.mark.parametrize(
-    ("amplitude", "periods", "seconds", "found"),
-    [
-        (0.11, 4.0, 200.0, "limit cycle"), (0.09, 4.0, 200.0, TRACKED), (0.3, 19.6, 200.0, "limit cycle"),
-        (0.3, 21.0, 200.0, TRACKED), (0.3, 1.0, 12.0, "limit cycle"), (0.3, 1.0, 9.0, TRACKED),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("amplitude", "periods", "seconds", "found"), [
+    (0.11, 4.0, 200.0, "limit cycle"), (0.09, 4.0, 200.0, TRACKED), (0.3, 19.6, 200.0, "limit cycle"),
+    (0.3, 21.0, 200.0, TRACKED), (0.3, 1.0, 12.0, "limit cycle"), (0.3, 1.0, 9.0, TRACKED),
+])  # fmt: skip
 def test_a_sustained_oscillation_of_the_command_is_a_limit_cycle(amplitude, periods, seconds, found):
     """Breaks if amplitude, longest period or shortest duration is not that of the definition."""
     setup = demo()
@@ -257,13 +254,10 @@ def test_turbulence_is_not_the_cause_of_a_limit_cycle() -> None:
         assert outcome(demo(), windy) == "limit cycle", seed
 
 
-@pytest.mark.parametrize(
-    ("window", "error", "found"),
-    [
-        ("5", 5.05, "stopped beyond"), ("5", 4.95, TRACKED), ("5", -5.05, "stopped short"), ("5", -4.95, TRACKED),
-        ("null", 12.1, "stopped beyond"), ("null", 11.9, TRACKED),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("window", "error", "found"), [
+    ("5", 5.05, "stopped beyond"), ("5", 4.95, TRACKED), ("5", -5.05, "stopped short"), ("5", -4.95, TRACKED),
+    ("null", 12.1, "stopped beyond"), ("null", 11.9, TRACKED),
+])  # fmt: skip
 def test_a_stop_outside_of_the_window(window: str, error: float, found: str) -> None:
     """Breaks if the window is not that of the criteria, or the sign is wrong."""
     setup = demo(f"criteria.stop_window={window}")
@@ -286,13 +280,10 @@ def test_a_train_that_moves_outside_of_the_window_has_not_stopped(seconds: float
     assert outcome(setup, rolling) == found
 
 
-@pytest.mark.parametrize(
-    ("seconds", "kmh", "force", "found"),
-    [
-        (12, -2.1, 1.0, "saturated"), (12, 2.1, -1.0, "saturated"), (10, -2.1, 1.0, TRACKED), (12, -1.9, 1.0, TRACKED),
-        (12, 2.1, 1.0, TRACKED), (12, -2.1, -1.0, TRACKED),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("seconds", "kmh", "force", "found"), [
+    (12, -2.1, 1.0, "saturated"), (12, 2.1, -1.0, "saturated"), (10, -2.1, 1.0, TRACKED), (12, -1.9, 1.0, TRACKED),
+    (12, 2.1, 1.0, TRACKED), (12, -2.1, -1.0, TRACKED),
+])  # fmt: skip
 def test_a_force_limit_with_a_speed_error_is_saturated(seconds: int, kmh: float, force: float, found: str) -> None:
     """Breaks if saturation without an error, or with an error that less force reduces, counts."""
     setup = demo()
@@ -339,13 +330,10 @@ def test_the_worst_outcome_is_the_first() -> None:
     assert OUTCOMES[-1] == TRACKED
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("position_time", 30), ("oscillation", 0.6), ("oscillation_time", 150), ("departure_time", 5),
-        ("saturation_time", 5), ("saturation_error_kmh", 1),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("key", "value"), [
+    ("position_time", 30), ("oscillation", 0.6), ("oscillation_time", 150), ("departure_time", 5),
+    ("saturation_time", 5), ("saturation_error_kmh", 1),
+])  # fmt: skip
 def test_the_limits_are_keys_of_a_scenario(key: str, value: float) -> None:
     """Breaks if a key is not read, or not checked like every other one."""
     found, usual = (load_scenario("demo", more)[0].criteria for more in ((f"criteria.tracking.{key}={value}",), ()))
@@ -376,22 +364,19 @@ def test_a_strict_run_that_is_not_tracked_has_exit_status_1(tmp_path: Any, capsy
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    ("scenario", "changes", "found"),
-    [
-        ("freight_consensus:realistic", {"law": "pid", "observer": "cascaded", "compensation": "train_predictor"},
-         ["lost", "limit cycle", "saturated"]),
-        ("freight_consensus:realistic", {}, [TRACKED]),
-        ("daqin_heavy_haul",
-         {"law": "gpc", "laws": {"gpc": {"gains": "printed"}}, "control_period": 0.2, "duration": 200},
-         ["limit cycle"]),
-        ("crh380a_gpc:short", {"laws": {"gpc": {"gains": "printed", "sampling": 0.2}}, "duration": 120},
-         ["never departed", "lost", "saturated"]),
-        ("xuzhou_metro:long_delay", {"duration": 200, "step": 0.005}, ["limit cycle", "saturated"]),
-        ("xuzhou_metro:disturbed", {"duration": 120, "step": 0.005}, [TRACKED]),
-        ("demo", {"duration": 200}, [TRACKED]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("scenario", "changes", "found"), [
+    ("freight_consensus:realistic", {"law": "pid", "observer": "cascaded", "compensation": "train_predictor"},
+     ["lost", "limit cycle", "saturated"]),
+    ("freight_consensus:realistic", {}, [TRACKED]),
+    ("daqin_heavy_haul",
+     {"law": "gpc", "laws": {"gpc": {"gains": "printed"}}, "control_period": 0.2, "duration": 200},
+     ["limit cycle"]),
+    ("crh380a_gpc:short", {"laws": {"gpc": {"gains": "printed", "sampling": 0.2}}, "duration": 120},
+     ["never departed", "lost", "saturated"]),
+    ("xuzhou_metro:long_delay", {"duration": 200, "step": 0.005}, ["limit cycle", "saturated"]),
+    ("xuzhou_metro:disturbed", {"duration": 120, "step": 0.005}, [TRACKED]),
+    ("demo", {"duration": 200}, [TRACKED]),
+])  # fmt: skip
 def test_driven_runs_have_the_outcome_that_their_figures_show(scenario, changes, found):
     """Breaks if a law that loses the train is called tracked, or the answer to the waves of paper 002 a limit cycle."""
     summary = run_engine(setup_of(scenario, changes=changes)).summary

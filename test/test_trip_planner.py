@@ -231,19 +231,16 @@ def test_options_of_other_plans_are_refused() -> None:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    ("scenario", "mismatch", "energy"),
-    [
-        *(("daqin_heavy_haul:trip", mismatch, 1e9) for mismatch in (
-            {"mass_scale": 1.03, "brake_scale": 0.92, "resistance_scale": 1.15}, {"mass_scale": 0.97},
-        )),
-        ("daqin_heavy_haul:trip", {}, 620),
-        *(("daqin_two_locomotives", mismatch, 660) for mismatch in (
-            {}, {"mass_scale": 1.03}, {"mass_scale": 0.97}, {"brake_scale": 0.92},
-        )),
-        ("daqin_two_locomotives", {"resistance_scale": 1.15}, 1e9),  # 15 % more resistance need 510 kWh more
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("scenario", "mismatch", "energy"), [
+    *(("daqin_heavy_haul:trip", mismatch, 1e9) for mismatch in (
+        {"mass_scale": 1.03, "brake_scale": 0.92, "resistance_scale": 1.15}, {"mass_scale": 0.97},
+    )),
+    ("daqin_heavy_haul:trip", {}, 620),
+    *(("daqin_two_locomotives", mismatch, 660) for mismatch in (
+        {}, {"mass_scale": 1.03}, {"mass_scale": 0.97}, {"brake_scale": 0.92},
+    )),
+    ("daqin_two_locomotives", {"resistance_scale": 1.15}, 1e9),  # 15 % more resistance need 510 kWh more
+])  # fmt: skip
 def test_the_shipped_trip_reaches_its_goals(scenario: str, mismatch: dict[str, float], energy: float) -> None:
     """Breaks if lag, delay or other masses, or motion of the couplings as force (644 kN, 747 kWh), miss the goals."""
     setup = setup_of(scenario, changes={"plant": {"mismatch": mismatch}} if mismatch else {})
@@ -463,18 +460,15 @@ def places(model: TrainModel, shares: list[tuple[float, float]], speed: float = 
     return found
 
 
-@pytest.mark.parametrize(
-    ("shares", "speed", "change", "place"),
-    [
-        # as planned; a train with more resistance than planned waits; one without a reserve releases later
-        ([(0.0, 0.4), (6000.0, 0.3)], 18.0, slice(None), [APPLY, RELEASE]),
-        ([(0.0, 0.1), (6000.0, 0.3)], 18.0, 0, APPLY + SHIFT), ([(0.0, 0.1), (5100.0, 0.3)], 18.0, 0, 5100.0),
-        ([(0.0, 0.4), (6000.0, 0.6)], 18.0, 1, RELEASE + SHIFT),
-        ([(0.0, 0.4), (6000.0, 0.6), (8100.0, 0.3)], 18.0, 1, 8100.0),
-        # a release is before the minimum speed
-        ([(0.0, 0.4), (6000.0, 0.3)], 35.3 / 3.6, 1, RELEASE - SHIFT),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("shares", "speed", "change", "place"), [
+    # as planned; a train with more resistance than planned waits; one without a reserve releases later
+    ([(0.0, 0.4), (6000.0, 0.3)], 18.0, slice(None), [APPLY, RELEASE]),
+    ([(0.0, 0.1), (6000.0, 0.3)], 18.0, 0, APPLY + SHIFT), ([(0.0, 0.1), (5100.0, 0.3)], 18.0, 0, 5100.0),
+    ([(0.0, 0.4), (6000.0, 0.6)], 18.0, 1, RELEASE + SHIFT),
+    ([(0.0, 0.4), (6000.0, 0.6), (8100.0, 0.3)], 18.0, 1, 8100.0),
+    # a release is before the minimum speed
+    ([(0.0, 0.4), (6000.0, 0.3)], 35.3 / 3.6, 1, RELEASE - SHIFT),
+])  # fmt: skip
 def test_a_place_moves_with_the_share_of_the_electric_brake(shares, speed, change, place, model) -> None:
     """Breaks if a place moves although the brake is used as planned, or does not where it is spared or strained."""
     assert places(model, shares, speed=speed)[change] == place
@@ -589,16 +583,13 @@ def equal_run(two_units: TrainModel, settings: TripSettings, journey: Journey) -
     return follow_journey(two_units, settings, journey, journey.applications)
 
 
-@pytest.mark.parametrize(
-    ("entries", "place", "asked", "given"),
-    [
-        (((100.0, 0.2), (200.0, 0.8)), 150.0, [300.0, 100.0], [200.0, 200.0]),
-        (((100.0, 0.2), (200.0, 0.8)), 0.0, [-300.0, -100.0], [-80.0, -320.0]),
-        (((100.0, 0.2), (200.0, 0.8)), 999.0, [350.0, 0.0], [280.0, 70.0]),
-        (((0.0, 0.9),), 0.0, [300.0, 300.0], [400.0, 200.0]), (((0.0, 0.9),), 0.0, [-300.0, -300.0], [-400.0, -200.0]),
-        (((0.0, 0.9),), 0.0, [400.0, 400.0], [400.0, 400.0]),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("entries", "place", "asked", "given"), [
+    (((100.0, 0.2), (200.0, 0.8)), 150.0, [300.0, 100.0], [200.0, 200.0]),
+    (((100.0, 0.2), (200.0, 0.8)), 0.0, [-300.0, -100.0], [-80.0, -320.0]),
+    (((100.0, 0.2), (200.0, 0.8)), 999.0, [350.0, 0.0], [280.0, 70.0]),
+    (((0.0, 0.9),), 0.0, [300.0, 300.0], [400.0, 200.0]), (((0.0, 0.9),), 0.0, [-300.0, -300.0], [-400.0, -200.0]),
+    (((0.0, 0.9),), 0.0, [400.0, 400.0], [400.0, 400.0]),
+])  # fmt: skip
 def test_shares_change_linearly_and_keep_the_total(entries, place, asked, given) -> None:
     """Breaks if the shares jump at a place, the total differs from the law's, or a unit at its limit loses the rest."""
     assert two_shares(*entries).forces(place, asked, [-400.0] * 2, [400.0] * 2) == pytest.approx(given)

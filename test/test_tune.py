@@ -77,13 +77,10 @@ def test_objective_counts_the_worst_run() -> None:
     assert not score.feasible and objective.GainScore.of([1.0, 99.0]).feasible
 
 
-@pytest.mark.parametrize(
-    ("texts", "words"),
-    [
-        (["sped=1"], "unknown term 'sped'"), (["speed=-1"], "not a weight"), (["speed"], "not a weight"),
-        (["speed=nan"], "not a weight"), ([f"{term.key}=0" for term in objective.TERMS], "every weight is 0"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("texts", "words"), [
+    (["sped=1"], "unknown term 'sped'"), (["speed=-1"], "not a weight"), (["speed"], "not a weight"),
+    (["speed=nan"], "not a weight"), ([f"{term.key}=0" for term in objective.TERMS], "every weight is 0"),
+])  # fmt: skip
 def test_bad_weights_are_refused(texts: list[str], words: str) -> None:
     """Breaks if a misspelt criterion is ignored."""
     with pytest.raises(ValueError, match=words):
