@@ -246,153 +246,107 @@ def estimate(spoil):
 
 
 FAULTS = {
-    "law": {
-        "time of a step": {"raises from its hundredth step on": forces(late)},
-        "same inputs, same bits": {"ends the program": law(lambda law, given: fail(SystemExit(3)))},
-        "accepts the train": {
-            "raises in its constructor": broken(Pid, __init__=lambda law, *rest: fail(TypeError("not made")))
-        },
-        "has the methods and attributes of a law": {
-            "has no step()": Mute,
-            "declares a negative horizon": broken(Pid, horizon=-3),
-        },
-        "leaves its inputs alone": {
-            "writes into its preview after 10 s": broken(
-                forces(lambda law, given: overwritten(given.preview.velocity) if given.t > 10.0 else 0.0), horizon=5
-            ),
-            "writes into its inputs": forces(lambda law, given: overwritten(given.velocity, given.velocity[0] + 1.0)),
-        },
-        "reset forgets everything": {
-            "keeps its state on reset()": broken(forces(lambda law, given: kept(law, 1 / 5)), reset=lambda law: None)
-        },
-        "finite and inside the limits": {
-            "returns forces beyond the limits": law(lambda law, given: LawOutput(np.array(law.demand(given)) * 50.0))
-        },
-        "hostile inputs": {
-            "keeps a NaN in its state": law(
-                lambda law, given: clipped(given, np.array(law.demand(given)) + kept(law, 0.0 * given.velocity[0]))
-            ),
-            "raises when a speed is not finite": law(lambda law, given: finite(given.velocity) or Pid.step(law, given)),
-        },
-        "recovers after NaN": {
-            "returns 0 N after a NaN": law(
-                lambda law, given: LawOutput(
-                    Pid.step(law, given).force * (not kept(law, not np.isfinite(given.velocity).all()))
-                )
-            )
-        },
-    },
-    "observer": {
-        "describes its parameters": {"has a default outside its range": Beyond, "has no reset()": NoReset},
-        "accepts the train": {
-            "raises in its constructor": broken(Wrapped, __init__=lambda part, *rest: fail(TypeError("not made")))
-        },
-        "accepts at least one train": {
-            "rejects every train": broken(Wrapped, __init__=lambda part, *rest: fail(ValueError("no train")))
-        },
-        "has the methods and attributes of an observer": {"has no step()": broken(Wrapped, step=None)},
-        "time of a step": {
-            "raises from its hundredth step on": estimate(lambda part, given, force: force + late(part, given))
-        },
-        "same inputs, same bits": {
-            "ends the program": estimate(lambda part, given, force: fail(SystemExit(3))),
-            "raises no Exception": estimate(lambda part, given, force: fail(GeneratorExit())),
-            "adds a random force": estimate(lambda part, given, force: force + np.random.default_rng().normal()),
-        },
-        "finite estimate of every unit": {
-            "returns the force of the train": estimate(lambda part, given, force: force.sum()),
-            "is infinite for a slow train": estimate(
-                lambda part, given, force: force / 0.0 if given.velocity[0] < 6.0 else force
-            ),
-        },
-        "reset forgets everything": {"keeps its state on reset()": Leaky},
-        "leaves its inputs alone": {
-            "writes into its inputs after 10 s": estimate(
-                lambda part, given, force: force + (given.t > 10.0 and overwritten(given.applied))
-            )
-        },
-        "hostile inputs": {
-            "keeps a NaN in its state": estimate(
-                lambda part, given, force: force + kept(part, 0.0 * given.velocity[0])
-            ),
-            "raises when a speed is not finite": estimate(lambda part, given, force: force + finite(given.velocity)),
-        },
-        "finds a constant disturbance": {"has the wrong sign": estimate(lambda part, given, force: -force)},
-        "recovers after NaN": {
-            "returns 0 N after a NaN": estimate(
-                lambda part, given, force: force * (not kept(part, bool(np.isnan(given.velocity).any())))
-            )
-        },
-    },
-    "compensation": {
-        "has the methods and attributes of a compensation": {
-            "has no set_profile()": broken(Layer, set_profile=None),
-            "has a number for a method": broken(Layer, on_command_sent=3),
-        },
-        "same inputs, same bits": {
-            "adds a random force": layer(
-                lambda part, given, out: {"feedforward": out.feedforward + np.random.default_rng().normal()}
-            )
-        },
-        "valid input of the law": {
-            "returns its own input": broken(Layer, step=lambda part, given: given),
-            "changes the limits of the force": layer(lambda part, given, out: {"force_max": out.force_max * 2.0}),
-            "changes the time of the measurement": layer(lambda part, given, out: {"t": out.t + 0.5}),
-            "omits the preview": broken(
-                Layer, step=lambda part, given: Layer.step(part, dataclasses.replace(given, horizon=0))
-            ),
-            "gives the feed-forward of the train": layer(
-                lambda part, given, out: {"feedforward": np.array([out.feedforward.sum()])}
-            ),
-            "gives NaN for a slow train": layer(
-                lambda part, given, out: {
-                    "feedforward": out.feedforward * (math.nan if given.measurement.velocity[0] < 6.0 else 1.0)
-                }
-            ),
-        },
-        "reset forgets everything": {
-            "keeps the number of its steps on reset()": Counting,
-            "keeps the brake events on reset()": broken(PreviewFeedforward, reset=lambda part: None),
-        },
-        "leaves its inputs alone": {
-            "writes into the measurement": layer(
-                lambda part, given, out: dict.fromkeys((), overwritten(given.measurement.velocity, -1.0))
-            )
-        },
-        "hostile inputs": {
-            "raises for an invalid sensor of a coupler": layer(
-                lambda part, given, out: dict.fromkeys((), finite(given.measurement.force))
-            ),
-            "reads a table at the measured position": layer(
-                lambda part, given, out: dict.fromkeys((), np.zeros(200_000)[int(given.measurement.position[0])])
-            ),
-            "keeps an invalid reference in a filter": layer(
-                lambda part, given, out: {"acceleration_at_effect": kept(part, given.reference.acceleration)}
-            ),
-        },
-        "no effect without delay": {
-            "compensates a delay of another model": layer(lambda part, given, out: {"delay_to_effect": 0.5}),
-            "shifts the measured position": layer(lambda part, given, out: {"position": out.position + 0.1}),
-        },
-        "the law controls the train": {
-            "gives the feed-forward with the wrong sign": layer(
-                lambda part, given, out: {"feedforward": -3.0 * out.feedforward}
-            )
-        },
-    },
-}
-"""Faults of components by kind and by the contract test that finds them: the class with the fault."""
+    "law": [
+        ("time of a step", "raises from its hundredth step on", forces(late)),
+        ("same inputs, same bits", "ends the program", law(lambda law, given: fail(SystemExit(3)))),
+        ("accepts the train", "raises in its constructor",
+         broken(Pid, __init__=lambda law, *rest: fail(TypeError("not made")))),
+        ("has the methods and attributes of a law", "has no step()", Mute),
+        ("has the methods and attributes of a law", "declares a negative horizon", broken(Pid, horizon=-3)),
+        ("leaves its inputs alone", "writes into its preview after 10 s",
+         broken(forces(lambda law, given: overwritten(given.preview.velocity) if given.t > 10.0 else 0.0), horizon=5)),
+        ("leaves its inputs alone", "writes into its inputs",
+         forces(lambda law, given: overwritten(given.velocity, given.velocity[0] + 1.0))),
+        ("reset forgets everything", "keeps its state on reset()",
+         broken(forces(lambda law, given: kept(law, 1 / 5)), reset=lambda law: None)),
+        ("finite and inside the limits", "returns forces beyond the limits",
+         law(lambda law, given: LawOutput(np.array(law.demand(given)) * 50.0))),
+        ("hostile inputs", "keeps a NaN in its state",
+         law(lambda law, given: clipped(given, np.array(law.demand(given)) + kept(law, 0.0 * given.velocity[0])))),
+        ("hostile inputs", "raises when a speed is not finite",
+         law(lambda law, given: finite(given.velocity) or Pid.step(law, given))),
+        ("recovers after NaN", "returns 0 N after a NaN",
+         law(lambda law, given: LawOutput(
+             Pid.step(law, given).force * (not kept(law, not np.isfinite(given.velocity).all())),
+         ))),
+    ],
+    "observer": [
+        ("describes its parameters", "has a default outside its range", Beyond),
+        ("describes its parameters", "has no reset()", NoReset),
+        ("accepts the train", "raises in its constructor",
+         broken(Wrapped, __init__=lambda part, *rest: fail(TypeError("not made")))),
+        ("accepts at least one train", "rejects every train",
+         broken(Wrapped, __init__=lambda part, *rest: fail(ValueError("no train")))),
+        ("has the methods and attributes of an observer", "has no step()", broken(Wrapped, step=None)),
+        ("time of a step", "raises from its hundredth step on",
+         estimate(lambda part, given, force: force + late(part, given))),
+        ("same inputs, same bits", "ends the program", estimate(lambda part, given, force: fail(SystemExit(3)))),
+        ("same inputs, same bits", "raises no Exception", estimate(lambda part, given, force: fail(GeneratorExit()))),
+        ("same inputs, same bits", "adds a random force",
+         estimate(lambda part, given, force: force + np.random.default_rng().normal())),
+        ("finite estimate of every unit", "returns the force of the train",
+         estimate(lambda part, given, force: force.sum())),
+        ("finite estimate of every unit", "is infinite for a slow train",
+         estimate(lambda part, given, force: force / 0.0 if given.velocity[0] < 6.0 else force)),
+        ("reset forgets everything", "keeps its state on reset()", Leaky),
+        ("leaves its inputs alone", "writes into its inputs after 10 s",
+         estimate(lambda part, given, force: force + (given.t > 10.0 and overwritten(given.applied)))),
+        ("hostile inputs", "keeps a NaN in its state",
+         estimate(lambda part, given, force: force + kept(part, 0.0 * given.velocity[0]))),
+        ("hostile inputs", "raises when a speed is not finite",
+         estimate(lambda part, given, force: force + finite(given.velocity))),
+        ("finds a constant disturbance", "has the wrong sign", estimate(lambda part, given, force: -force)),
+        ("recovers after NaN", "returns 0 N after a NaN",
+         estimate(lambda part, given, force: force * (not kept(part, bool(np.isnan(given.velocity).any()))))),
+    ],
+    "compensation": [
+        ("has the methods and attributes of a compensation", "has no set_profile()", broken(Layer, set_profile=None)),
+        ("has the methods and attributes of a compensation", "has a number for a method",
+         broken(Layer, on_command_sent=3)),
+        ("same inputs, same bits", "adds a random force",
+         layer(lambda part, given, out: {"feedforward": out.feedforward + np.random.default_rng().normal()})),
+        ("valid input of the law", "returns its own input", broken(Layer, step=lambda part, given: given)),
+        ("valid input of the law", "changes the limits of the force",
+         layer(lambda part, given, out: {"force_max": out.force_max * 2.0})),
+        ("valid input of the law", "changes the time of the measurement",
+         layer(lambda part, given, out: {"t": out.t + 0.5})),
+        ("valid input of the law", "omits the preview",
+         broken(Layer, step=lambda part, given: Layer.step(part, dataclasses.replace(given, horizon=0)))),
+        ("valid input of the law", "gives the feed-forward of the train",
+         layer(lambda part, given, out: {"feedforward": np.array([out.feedforward.sum()])})),
+        ("valid input of the law", "gives NaN for a slow train",
+         layer(lambda part, given, out: {
+             "feedforward": out.feedforward * (math.nan if given.measurement.velocity[0] < 6.0 else 1.0),
+         })),
+        ("reset forgets everything", "keeps the number of its steps on reset()", Counting),
+        ("reset forgets everything", "keeps the brake events on reset()",
+         broken(PreviewFeedforward, reset=lambda part: None)),
+        ("leaves its inputs alone", "writes into the measurement",
+         layer(lambda part, given, out: dict.fromkeys((), overwritten(given.measurement.velocity, -1.0)))),
+        ("hostile inputs", "raises for an invalid sensor of a coupler",
+         layer(lambda part, given, out: dict.fromkeys((), finite(given.measurement.force)))),
+        ("hostile inputs", "reads a table at the measured position",
+         layer(lambda part, given, out: dict.fromkeys((), np.zeros(200_000)[int(given.measurement.position[0])]))),
+        ("hostile inputs", "keeps an invalid reference in a filter",
+         layer(lambda part, given, out: {"acceleration_at_effect": kept(part, given.reference.acceleration)})),
+        ("no effect without delay", "compensates a delay of another model",
+         layer(lambda part, given, out: {"delay_to_effect": 0.5})),
+        ("no effect without delay", "shifts the measured position",
+         layer(lambda part, given, out: {"position": out.position + 0.1})),
+        ("the law controls the train", "gives the feed-forward with the wrong sign",
+         layer(lambda part, given, out: {"feedforward": -3.0 * out.feedforward})),
+    ],
+}  # fmt: skip
+"""Faults of components by kind: the contract test that finds the fault, and the class with it."""
 AIR_BRAKE = ("keeps the brake events on reset()", "raises for an invalid sensor of a coupler")
 """Faults of a train with an air brake and a sensor at a coupler."""
 
 
-@pytest.mark.parametrize(
-    ("kind", "fault"), [(kind, fault) for kind, tests in FAULTS.items() for rows in tests.values() for fault in rows]
-)
+@pytest.mark.parametrize(("kind", "fault"), [(kind, fault) for kind, rows in FAULTS.items() for _, fault, _ in rows])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_every_fault_is_found(kind, fault, monkeypatch):
     monkeypatch.setattr(checking, "TRAINS", ("hxd1_c80_105" if fault in AIR_BRAKE else "freight_five",))
-    ((test, component),) = [(test, rows[fault]) for test, rows in FAULTS[kind].items() if fault in rows]
+    ((test, component),) = [(test, component) for test, name, component in FAULTS[kind] if name == fault]
     alone = {name: run for name, run in checking.KINDS[kind].tests.items() if name == test}
     monkeypatch.setitem(checking.KINDS, kind, dataclasses.replace(checking.KINDS[kind], tests=alone))
     assert test in {finding.test for finding in failures(check_component(kind, component))}
