@@ -37,16 +37,11 @@ def sets_on_fall(
     line = folder / "fall.yaml"
     line.write_text(yaml.safe_dump({"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}))
     changes = {
-        "duration": duration,
-        "plant.line": str(line),
-        "plant.start": {"position": start, "speed_kmh": 50},
-        **{f"plant.{key}": value for key, value in plant.items()},
-        "profile.phases": None,
-        "profile.points": [{"time": 0, "speed_kmh": 50}, {"time": 800, "speed_kmh": 50}],
-        "profile.start": start,
-        "profile.allow_rolling_end": True,
-        "brake": {"policy": policy, "predictive": brake or {}},
-    }
+        "duration": duration, "plant.line": str(line), "plant.start": {"position": start, "speed_kmh": 50},
+        **{f"plant.{key}": value for key, value in plant.items()}, "profile.phases": None,
+        "profile.points": [{"time": 0, "speed_kmh": 50}, {"time": 800, "speed_kmh": 50}], "profile.start": start,
+        "profile.allow_rolling_end": True, "brake": {"policy": policy, "predictive": brake or {}},
+    }  # fmt: skip
     return tuple(f"{key}={json.dumps(value)}" for key, value in changes.items())
 
 

@@ -98,20 +98,13 @@ def test_a_bench_train_by_hand() -> None:
 def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if layout 1.4 is refused, an assumed length is silent, or the emergency brake exceeds its data."""
     former = {key: value for key, value in UNIT_TRAIN.items() if key != "length"} | {
-        "num coaches": quantity(4, "-"),
-        "tunnel resistance": {
-            "unit": "kg/m",
-            "cross section unit": "m^2",
-            "values": [{"cross section": 24, "value": 15}],
+        "num coaches": quantity(4, "-"), "tunnel resistance": {
+            "unit": "kg/m", "cross section unit": "m^2", "values": [{"cross section": 24, "value": 15}],
         },
-        "ETCS braking data": {
-            "A_brake_emergency": {
-                "units": {"velocity": "km/h", "deceleration": "m/s^2"},
-                "values": [[0, 1.2], [100, 0.9]],
-            },
-            "T_be": quantity(2.0, "s"),
-        },
-    }
+        "ETCS braking data": {"T_be": quantity(2.0, "s"), "A_brake_emergency": {
+            "units": {"velocity": "km/h", "deceleration": "m/s^2"}, "values": [[0, 1.2], [100, 0.9]],
+        }},
+    }  # fmt: skip
     consist = ttobench_train(former, "former.json")
     assert consist.length == 100 and "former.json: length is missing; assumed 100 m" in capsys.readouterr().err
     brake = consist.emergency_brake

@@ -65,41 +65,25 @@ def by_hand() -> Recording:
 
 BY_HAND = {
     # Speed errors from the first motion on: -1, 0, 1, -2 m/s; the squares 1, 0, 1, 4 have the mean 1.5.
-    "speed_rmse_kmh": 3.6 * 1.224744871391589,
-    "speed_error_max_kmh": 7.2,
+    "speed_rmse_kmh": 3.6 * 1.224744871391589, "speed_error_max_kmh": 7.2,
     # Without an end of the evaluation, the run has the same errors.
-    "speed_rmse_run_kmh": 3.6 * 1.224744871391589,
-    "speed_error_run_max_kmh": 7.2,
+    "speed_rmse_run_kmh": 3.6 * 1.224744871391589, "speed_error_run_max_kmh": 7.2,
     # Position errors 3, 0, -4, 0 m: squares 9, 0, 16, 0, mean 6.25. The 9 m at standstill before are not scored.
-    "position_error_max_m": 4.0,
-    "position_rmse_m": 2.5,
-    "stop_error_m": -1.25,
+    "position_error_max_m": 4.0, "position_rmse_m": 2.5, "stop_error_m": -1.25,
     # The profile of demo stops after 766 s.
-    "stop_error_max_m": None,
-    "running_time_s": None,
-    "arrival_delay_max_s": None,
-    "overspeed_max_kmh": 0.0,
-    "coupler_draft_max_kn": 1500.0,
-    "coupler_buff_max_kn": -250.0,
+    "stop_error_max_m": None, "running_time_s": None, "arrival_delay_max_s": None,
+    "overspeed_max_kmh": 0.0, "coupler_draft_max_kn": 1500.0, "coupler_buff_max_kn": -250.0,
     # Speeds 0, 0, 1, 3, 4, 4 m/s every 0.1 s: accelerations 0, 10, 20, 10, 0 m/s2, jerks 100, 100, -100, -100 m/s3.
-    "acceleration_max": 20.0,
-    "jerk_max": 100.0,
+    "acceleration_max": 20.0, "jerk_max": 100.0,
     # Shorter than two seconds.
     "jerk_1s_max": 0.0,
     # Commands 0, 2, 5, 5, -1, 3 kN change by 2, 3, 0, 6, 4 = 15 kN in 0.6 s.
     "command_variation_kn_per_s": 25.0,
-    "energy_traction_kwh": 2.0,
-    "energy_regenerated_kwh": 0.5,
-    "saturated_s": 0.3,
-    "replans": 2,
-    "held_steps": 1,
-    "unsound_measurements": 4,
+    "energy_traction_kwh": 2.0, "energy_regenerated_kwh": 0.5, "saturated_s": 0.3,
+    "replans": 2, "held_steps": 1, "unsound_measurements": 4,
     # Counts that a run without faults does not have.
-    "commands_lost": 0,
-    "commands_missed": 0,
-    "commands_refused": 0,
-    "commands_late": 0,
-}
+    "commands_lost": 0, "commands_missed": 0, "commands_refused": 0, "commands_late": 0,
+}  # fmt: skip
 
 
 def test_every_figure_of_six_ticks_is_that_worked_out_by_hand() -> None:

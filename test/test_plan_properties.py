@@ -241,26 +241,23 @@ def test_cars_outside_a_dead_section_draw_the_train() -> None:
     assert found.force[moving].max() == pytest.approx(150e3, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("sections", "words"),
-    [
-        ({"neutral_sections": [{"begin": 5900, "end": 6100}]}, "is 0 kN in the neutral section from km 5.900 to"),
-        ({"adhesion": [{"begin": 5800, "end": 6200, "factor": 0.001}]}, "is 1 kN in the section with low adhesion"),
-        ({"power_limits": [{"begin": 5800, "end": 6200, "power": 0.001}]}, "is 0 kN in the power limit from km 5.800"),
-    ],
-)
-def test_a_stop_without_force_names_its_section(sections: dict[str, Any], words: str) -> None:
+STOPS, MOVE = [{"at": 500}, {"at": 6000}, {"at": 11000}], ".*; move the stop or the section$"
+
+
+@pytest.mark.parametrize(("sections", "words"), [
+    ({"stops": STOPS, "neutral_sections": [{"begin": 5900, "end": 6100}]},
+     f"need 3 kN.*is 0 kN in the neutral section from km 5.900 to{MOVE}"),
+    ({"stops": STOPS, "adhesion": [{"begin": 5800, "end": 6200, "factor": 0.001}]},
+     f"need 3 kN.*is 1 kN in the section with low adhesion{MOVE}"),
+    ({"stops": STOPS, "power_limits": [{"begin": 5800, "end": 6200, "power": 0.001}]},
+     f"need 3 kN.*is 0 kN in the power limit from km 5.800{MOVE}"),
+    ({"grades": [{"at": 0, "grade_permille": 30}], "neutral_sections": [{"begin": 3000, "end": 5000}]},
+     "is 0 kN in the neutral section from km 3.000 to km 5.000; shorten the"),
+])  # fmt: skip
+def test_a_stop_or_stall_without_force_names_its_section(sections: dict[str, Any], words: str) -> None:
     """Breaks if the message has the force of the open line, or advises more traction: it needs 3 kN and has 180."""
-    line = line_of(stops=[{"at": 500}, {"at": 6000}, {"at": 11000}], **sections)
-    with pytest.raises(ValueError, match=f"need 3 kN.*{words}.*; move the stop or the section$"):
-        plan_profile(line, train_of({"car": railcar()}, 4))
-
-
-def test_a_stall_in_a_dead_section_names_it() -> None:
-    """Breaks if the message of a stall has the force of the open line."""
-    line = line_of(grades=[{"at": 0, "grade_permille": 30}], neutral_sections=[{"begin": 3000, "end": 5000}])
-    with pytest.raises(ValueError, match=r"is 0 kN in the neutral section from km 3.000 to km 5.000; shorten the"):
-        plan_profile(line, train_of({"car": railcar()}, 4))
+    with pytest.raises(ValueError, match=words):
+        plan_profile(line_of(**sections), train_of({"car": railcar()}, 4))
 
 
 def test_a_stall_at_the_end_of_a_dead_section_names_it() -> None:

@@ -93,17 +93,12 @@ class Sleeps(GuardedLaw):
         time.sleep(1e6)
 '''
 SPEC: dict[str, Any] = {
-    "scenario": "demo",
-    "design": "latin_hypercube",
-    "runs": 12,
-    "seed": 2,
+    "scenario": "demo", "design": "latin_hypercube", "runs": 12, "seed": 2, "set": {"duration": 30},
     "over": {
-        "law": ["pid", "smc"],
-        "links.command.delay": {"from": 0.1, "to": 3.0},
+        "law": ["pid", "smc"], "links.command.delay": {"from": 0.1, "to": 3.0},
         "plant.mismatch.mass_scale": {"from": 0.7, "to": 1.3},
     },
-    "set": {"duration": 30},
-}
+}  # fmt: skip
 
 
 def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
