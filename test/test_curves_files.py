@@ -189,15 +189,14 @@ def test_the_width_of_the_cells_in_the_page() -> None:
         assert f"{gamma:.3f} m and {driven:.3f} m with cells of {width:g} km/h" in " ".join(page.split())
 
 
-@pytest.mark.parametrize(
-    ("position", "length", "emergency", "service"),
-    [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
-     ("PassengerTrainInP", 300.0, 5.02, 8.4), ("PassengerTrainInP", 900.0, 16.07, 24.6),
-     ("FreightTrainInP", 300.0, 5.02, 11.31), ("FreightTrainInP", 900.0, 16.07, 27.93),
-     ("FreightTrainInP", 901.0, 16.451403, 27.995618), ("FreightTrainInP", 1500.0, 30.35, 55.8),
-     ("FreightTrainInG", 300.0, 12.45, 14.08), ("FreightTrainInG", 900.0, 16.05, 27.93),
-     ("FreightTrainInG", 1500.0, 30.35, 55.8),],
-)  # fmt: skip
+@pytest.mark.parametrize(("position", "length", "emergency", "service"), [
+    # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
+    ("PassengerTrainInP", 300.0, 5.02, 8.4), ("PassengerTrainInP", 900.0, 16.07, 24.6),
+    ("FreightTrainInP", 300.0, 5.02, 11.31), ("FreightTrainInP", 900.0, 16.07, 27.93),
+    ("FreightTrainInP", 901.0, 16.451403, 27.995618), ("FreightTrainInP", 1500.0, 30.35, 55.8),
+    ("FreightTrainInG", 300.0, 12.45, 14.08), ("FreightTrainInG", 900.0, 16.05, 27.93),
+    ("FreightTrainInG", 1500.0, 30.35, 55.8),
+])  # fmt: skip
 @pytest.mark.parametrize(("target", "correction"), [(0.0, 0.0), (60.0, None)])
 def test_build_up_times(position, length, emergency, service, target, correction):
     """Breaks if a position, a length step, the shortest length or the correction for target speeds is wrong."""

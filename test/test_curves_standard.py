@@ -51,15 +51,13 @@ def test_ceiling_margins(limit: float, warning: float, service: float, emergency
     assert found == pytest.approx([0, warning, service, emergency])
 
 
-@pytest.mark.parametrize(
-    ("command", "feedback", "traction", "cut_off", "expected"),
-    [  # expected: T_traction, T_berem, T_bs1, T_bs2, indication before the permitted speed [s]; T_be 5 s, T_bs 6 s
-        (False, False, False, 0.0, (0, 5, 0, 0, 5)), (False, False, False, 3.0, (3, 2, 0, 0, 5)),
-        (False, False, False, 7.0, (7, 0, 0, 0, 5)), (False, False, True, 3.0, (1, 4, 0, 0, 5)),
-        (True, False, True, 3.0, (0, 5, 6, 6, 5)), (True, False, True, 10.0, (2, 3, 6, 6, 5)),
-        (True, True, False, 1.0, (1, 4, 6, 6, 5)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("command", "feedback", "traction", "cut_off", "expected"), [
+    # expected: T_traction, T_berem, T_bs1, T_bs2, indication before the permitted speed [s]; T_be 5 s, T_bs 6 s
+    (False, False, False, 0.0, (0, 5, 0, 0, 5)), (False, False, False, 3.0, (3, 2, 0, 0, 5)),
+    (False, False, False, 7.0, (7, 0, 0, 0, 5)), (False, False, True, 3.0, (1, 4, 0, 0, 5)),
+    (True, False, True, 3.0, (0, 5, 6, 6, 5)), (True, False, True, 10.0, (2, 3, 6, 6, 5)),
+    (True, True, False, 1.0, (1, 4, 6, 6, 5)),
+])  # fmt: skip
 def test_times_of_the_interfaces(command, feedback, traction, cut_off, expected):
     """Breaks if an interface combination of 3.13.9.3.2.3 or 3.13.9.3.3.3-5 gives other times."""
     given_train = train(

@@ -386,12 +386,11 @@ def test_a_run_ends_when_its_caller_says_so():
     assert run.metrics["interruption"] == "stop_when ended it after 31 of 8000 ticks"
 
 
-@pytest.mark.parametrize(
-    ("on_tick", "text"),
-    [(lambda obs: 1 / 0, r"ZeroDivisionError: division by zero, .*test_env.py:\d+"),
-     (lambda obs: [1.0], "not numbers by name"), (lambda obs: {"x": "y"}, "not numbers by name"),
-     (lambda obs: {"x": np.zeros(2)}, "not numbers by name"), (lambda obs: {"x": 10**400}, "not numbers by name")],
-)  # fmt: skip
+@pytest.mark.parametrize(("on_tick", "text"), [
+    (lambda obs: 1 / 0, r"ZeroDivisionError: division by zero, .*test_env.py:\d+"),
+    (lambda obs: [1.0], "not numbers by name"), (lambda obs: {"x": "y"}, "not numbers by name"),
+    (lambda obs: {"x": np.zeros(2)}, "not numbers by name"), (lambda obs: {"x": 10**400}, "not numbers by name"),
+])  # fmt: skip
 def test_a_failure_of_on_tick_is_named(on_tick, text):
     """Breaks if the failure names a law, or the record up to it is lost."""
     with pytest.raises(ta.RunFailed, match=f"node on_tick failed: .*{text}") as failed:

@@ -147,11 +147,10 @@ def test_own_values_of_a_failed_run_have_a_line_after_it(
     assert result._doubted(setup_of("xuzhou_metro", *own), ended) == {}
 
 
-@pytest.mark.parametrize(
-    ("law", "gain"),
-    [("pid", "kp"), ("smc", "ks"), ("rbf_smc", "l1"), ("rbf_switching_smc", "c"), ("fixed_time_smc", "reaching"),
-     ("funnel", "k20"), ("lag_smc", "c1"), ("gpc", "n")],
-)  # fmt: skip
+@pytest.mark.parametrize(("law", "gain"), [
+    ("pid", "kp"), ("smc", "ks"), ("rbf_smc", "l1"), ("rbf_switching_smc", "c"), ("fixed_time_smc", "reaching"),
+    ("funnel", "k20"), ("lag_smc", "c1"), ("gpc", "n"),
+])  # fmt: skip
 @pytest.mark.parametrize("gains", ["model", "fitted"])
 def test_the_remedy_for_unstable_gains_works(law: str, gain: str, gains: str) -> None:
     """Breaks if a law has no limit, the limit of the waves (0.084/s) is not met, or a line remains after the remedy."""
@@ -177,15 +176,14 @@ def test_stability_of_one_mass_and_of_two() -> None:
     assert stable(two, 0.99 * limit) and not stable(two, 1.01 * limit)
 
 
-@pytest.mark.parametrize(
-    ("changes", "stable", "unstable"),
-    [(("law=pid", "laws.pid.gains=model"), "laws.pid.kp=0.084", "laws.pid.kp=0.0993"),
-     (("law=pid", "compensation=predictor"), "laws.pid.kp=0.084", "laws.pid.kp=0.106"),
-     (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.6"),
-     (("law=lag_smc",), "laws.lag_smc.k_i=0.5", "laws.lag_smc.k_i=0.8"),
-     (("law=smc",), "laws.smc.kappa=0.005", "laws.smc.kappa=0.15"),
-     (("law=gpc",), "laws.gpc.n=12", "laws.gpc.n=7")],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "stable", "unstable"), [
+    (("law=pid", "laws.pid.gains=model"), "laws.pid.kp=0.084", "laws.pid.kp=0.0993"),
+    (("law=pid", "compensation=predictor"), "laws.pid.kp=0.084", "laws.pid.kp=0.106"),
+    (("law=lag_smc",), "laws.lag_smc.c1=0.5", "laws.lag_smc.c1=0.6"),
+    (("law=lag_smc",), "laws.lag_smc.k_i=0.5", "laws.lag_smc.k_i=0.8"),
+    (("law=smc",), "laws.smc.kappa=0.005", "laws.smc.kappa=0.15"),
+    (("law=gpc",), "laws.gpc.n=12", "laws.gpc.n=7"),
+])  # fmt: skip
 def test_the_line_is_between_measured_runs(changes: tuple[str, ...], stable: str, unstable: str) -> None:
     """Runs of `demo`: the gains of the first kind were tracked, those of the second had limit cycles from 85 kN on."""
     assert setup_of("demo", *changes, stable).advice() == ""

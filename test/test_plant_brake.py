@@ -328,11 +328,10 @@ def test_a_train_without_a_block_has_the_documented_default() -> None:
     emergency_stop(train(wagons, start={"position": 100, "speed": 10.0}))
 
 
-@pytest.mark.parametrize(
-    ("name", "kmh"),
-    [("xuzhou_metro_3", 80), ("crh380a_one_mass", 300), ("crh380a_one_mass", 350), ("crh380a_three_units", 200),
-     ("freight_five", 60)],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "kmh"), [
+    ("xuzhou_metro_3", 80), ("crh380a_one_mass", 300), ("crh380a_one_mass", 350), ("crh380a_three_units", 200),
+    ("freight_five", 60),
+])  # fmt: skip
 def test_distance_of_an_independent_integration(name: str, kmh: float) -> None:
     """Breaks if delay, build-up, friction over speed, rotating mass or running resistance is wrong or missing."""
     # The bound is the path of one step at the initial speed: the plant applies the force of a step after the position.

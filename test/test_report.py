@@ -132,12 +132,11 @@ def test_one_command_writes_one_small_file(eventful: Path, tmp_path: Path, capsy
         assert row_key in page
 
 
-@pytest.mark.parametrize(
-    "topic",
-    ["train/vehicles", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics",
-     "ato/profile", "ato/limits", "train/brake_pipe", "train/brake_shoes", "train/disturbance",
-     "ato/brake_pipe_command", "atp/speeds", "ato/state", "train/protection"],
-)  # fmt: skip
+@pytest.mark.parametrize("topic", [
+    "train/vehicles", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics",
+    "ato/profile", "ato/limits", "train/brake_pipe", "train/brake_shoes", "train/disturbance",
+    "ato/brake_pipe_command", "atp/speeds", "ato/state", "train/protection",
+])  # fmt: skip
 def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path, tmp_path: Path) -> None:
     run = without(eventful, tmp_path / "run", {topic})
     found = page_data(open_recording(run))
