@@ -88,11 +88,11 @@ def _supervised(layout: TrainLayout, name: str) -> Any:
     from rclpy.serialization import deserialize_message
 
     from train_ato.messages.codec import Wire
-    from train_ato.ros.nodes.endpoints import frozen_message
+    from train_ato.ros.nodes.endpoints import message_class
 
     topic = BY_NAME[name]
     zeros = {place.field: np.zeros(len(layout.names(place.owner))) for place in topic.places[::-1] if place.owner}
-    return deserialize_message(Wire(layout).encode(name, topic.message(0, **zeros)), frozen_message(topic.type))
+    return deserialize_message(Wire(layout).encode(name, topic.message(0, **zeros)), message_class(topic.type))
 
 
 class Ring:
