@@ -37,8 +37,9 @@ GALLERY = re.compile(r"^\| \[?`(?P<name>[\w:]+)`[^|]*\| (?P<shows>[^|]+) \|$", r
 SHOWN = ("speed_rmse_kmh", "stop_error_max_m", "coupler_draft_max_kn", "energy_traction_kwh", "running_time_s")
 POINTS = 120
 """Number of times in the curve of a row."""
-STYLE = {**PRINT_STYLE, "text.color": GREY, "axes.labelcolor": GREY, "xtick.color": GREY, "ytick.color": GREY}
-"""Style of the figures with text that a dark page shows as well."""
+_COLOURED = ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
+STYLE = {**PRINT_STYLE, **dict.fromkeys(_COLOURED, GREY), "grid.alpha": 0.3}
+"""Style of the figures with text, frame and grid that a dark page shows as well."""
 Curve = tuple[str, Sequence[float] | Array, Sequence[float] | Array]
 """Name, and values across and up."""
 
