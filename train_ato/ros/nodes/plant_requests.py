@@ -7,7 +7,7 @@ Parameters ``rate`` and ``paused`` control the progress of the run. Services ``~
 """
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from train_ato.control.contract import Parameter
 from train_ato.judge.run_end import RESET
+from train_ato.loop.plant import PlantStage
 from train_ato.messages.delay_lines import MAX_DELAY
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.ros.graph.graph_result import GraphOptions
@@ -87,13 +88,34 @@ CHOICES = {entry.name: entry.choices for entry in STRENGTHS if entry.choices}
 """Permitted values of the strengths that are texts."""
 
 
+class Plant(Protocol):
+    """Interface of the plant node for requests."""
+
+    stage: PlantStage
+    sent_stamp: int
+    finished: bool
+
+    @property
+    def stamp(self) -> int:
+        """Simulation time of the current tick [ns]."""
+
+    def set_rate(self, rate: float) -> None:
+        """Set the rate [simulated s per s]; 0 is unlimited."""
+
+    def set_paused(self, paused: bool) -> None:
+        """Pause or resume."""
+
+    resets: bool
+
+    def request_stop(self, reason: str = ...) -> None:
+        """End the run after the current tick; the end notice has the reason."""
+
+    def single_step(self) -> None:
+        """Run one tick of a paused run."""
+
+
 class PlantRequests:
     """Parameters and services of the plant's node.
-
-    Parameters
-    ----------
-    plant, endpoints
-        Node of the train.
 
     Attributes
     ----------
@@ -101,7 +123,7 @@ class PlantRequests:
         Values of the parameters at the start.
     """
 
-    def __init__(self, plant: Any, endpoints: NodeEndpoints, options: GraphOptions, scenario: str) -> None:
+    def __init__(self, plant: Plant, endpoints: NodeEndpoints, options: GraphOptions, scenario: str) -> None:
         self._plant = plant
         self._endpoints = endpoints
         self._node = endpoints.node
@@ -204,7 +226,7 @@ class PlantRequests:
         return f"{intervention.described()}; from the tick after {self._plant.stamp * 1e-9:.3f} s"
 
 
-def request_reset(plant: Any) -> str:
+def request_reset(plant: Plant) -> str:
     """End the run after the current tick; its runner begins it again.
 
     Raises
