@@ -5,6 +5,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +183,7 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
     pytest.importorskip("rclpy")
     from test_view_foxglove import Client
 
-    from train_ato.view.foxglove import serve_foxglove
+    from train_ato.view.foxglove import FoxgloveServer
     from train_ato.view.recorded import RecordedFeed
 
     feed = RecordedFeed(run)
@@ -202,7 +203,7 @@ def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
         )
         return client
 
-    with serve_foxglove(feed, 0) as server:
+    with closing(FoxgloveServer(feed, 0)) as server:
         client = asyncio.run(look(server))
     _, data = client.messages["/tf"][0]
     sent = typestore().deserialize_cdr(data, scene.TRANSFORMS.type).transforms

@@ -6,6 +6,7 @@ import json
 import socket
 import struct
 import time
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +22,7 @@ from waiting import LIMIT_S
 
 from train_ato.log.reading import iter_raw
 from train_ato.messages.topics import EPOCH_NS
-from train_ato.view.foxglove import _Played, serve_foxglove
+from train_ato.view.foxglove import FoxgloveServer, _Played
 from train_ato.view.origin_gate import _accepted, host_of, may_read_topics
 from train_ato.view.recorded import RecordedFeed
 
@@ -102,7 +103,7 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
         await client.until(lambda: client.times and client.times[-1] == EPOCH_NS + 30 * 10**9)
         return client
 
-    with serve_foxglove(feed, 0) as server:
+    with closing(FoxgloveServer(feed, 0)) as server:
         client = asyncio.run(look(server))
     recorded = {EPOCH_NS + stamp: bytes(data) for _, stamp, data in iter_raw(run, ("train/vehicles",))}
     moments = [moment for moment, _ in client.messages["/train/vehicles"]]
@@ -136,7 +137,7 @@ def test_a_log_of_the_former_types_keeps_them(tmp_path):
         await client.until(lambda: {"/ato/state", "/atp/speeds"} <= set(client.channels))
         return client.channels["/ato/state"]["schemaName"]
 
-    with serve_foxglove(RecordedFeed(tmp_path), 0) as server:
+    with closing(FoxgloveServer(RecordedFeed(tmp_path), 0)) as server:
         assert asyncio.run(look(server)) == "sensor_msgs/msg/JointState"
 
 
@@ -150,7 +151,7 @@ def test_foxgloves_player_moves_the_time_of_the_page(run):
         info = next(entry for entry in client.told if entry["op"] == "serverInfo")
         assert {"time", "playbackControl"} <= set(info["capabilities"])
 
-    with serve_foxglove(feed, 0) as server:
+    with closing(FoxgloveServer(feed, 0)) as server:
         asyncio.run(look(server))
 
         from foxglove.websocket import PlaybackCommand
@@ -171,7 +172,7 @@ def test_a_port_in_use_is_refused_in_one_line(run):
         taken.listen()
         port = taken.getsockname()[1]
         refused = pytest.raises(ValueError, match=f"--foxglove {port}: .*give another port")
-        with refused, serve_foxglove(RecordedFeed(run), port):
+        with refused, closing(FoxgloveServer(RecordedFeed(run), port)):
             pass
 
 

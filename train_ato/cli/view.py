@@ -86,9 +86,9 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
         options.port = server.port
         foxglove = None
         if options.foxglove is not None:
-            from train_ato.view.foxglove import serve_foxglove
+            from train_ato.view.foxglove import FoxgloveServer
 
-            foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
+            foxglove = stack.enter_context(contextlib.closing(FoxgloveServer(feed, options.foxglove)))
         if first:
             _warn_of_network(options.address, live=feed.live)
             _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), as_json=options.json)

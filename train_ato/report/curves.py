@@ -74,7 +74,8 @@ def found_delay(time: Array, demand: Array, applied: Array, longest: float, lag:
     counts = np.diff(edges).astype(np.float64)
     best = errors.argmin(axis=0)
     delay = step * _refined(errors, best)
-    varied = _variation(applied[shifts:], edges - shifts, counts)
+    mean, squares = (_window_sums(applied[shifts:] ** power, edges - shifts) / counts for power in (1, 2))
+    varied = np.maximum(squares - mean**2, 0.0)
     low, high = np.nanpercentile(applied, (1, 99))
     varying = np.sqrt(varied) > MIN_VARIATION * (high - low)
     explained = errors.min(axis=0) / counts < (1 - MIN_EXPLAINED) * varied
@@ -97,12 +98,6 @@ def _lagged(values: Array, lag: float, tick: float) -> Array:
 def _window_sums(values: Array, edges: NDArray[np.intp]) -> Array:
     total = np.concatenate(([0.0], np.cumsum(np.nan_to_num(values))))
     return np.asarray([total[b] - total[a] for a, b in pairwise(edges.tolist())])
-
-
-def _variation(values: Array, edges: NDArray[np.intp], counts: Array) -> Array:
-    """Return the variance of every window."""
-    mean = _window_sums(values, edges) / counts
-    return np.asarray(np.maximum(_window_sums(values**2, edges) / counts - mean**2, 0.0))
 
 
 def _refined(errors: Array, best: NDArray[np.intp]) -> Array:

@@ -152,14 +152,9 @@ def heat_map(time: Array, values: NDArray[np.floating], columns: int) -> HeatMap
     held = np.searchsorted(column[starts], np.arange(count), side="right") - 1
     picture = codes[:, held]
     middles: Array = np.asarray(begin + width * (np.arange(count) + 0.5), dtype=np.float64)
-    picture[:, _uncovered(time, middles, max(width, step))] = NO_CODE
-    return HeatMap(picture, unit, begin, end)
-
-
-def _uncovered(time: Array, middles: Array, reach: float) -> NDArray[np.bool_]:
-    """Return a mask of the columns in a gap: the last value before their middle is too old."""
     before = np.maximum(np.searchsorted(time, middles, side="right") - 1, 0)
-    return np.asarray(middles - time[before] > GAP * reach)
+    picture[:, middles - time[before] > GAP * max(width, step)] = NO_CODE  # the last value is too old
+    return HeatMap(picture, unit, begin, end)
 
 
 @dataclass(frozen=True)
@@ -297,14 +292,18 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
     share
         Fraction of the page for this run, see :func:`share_of`.
     """
-    recording = replace(recording.within_span(), summary={**completed_summary(recording), **_damage(recording)})
+    fatigue, summary = coupler_fatigue(recording), completed_summary(recording)
+    if fatigue is not None:
+        summary = summary | {key: value for key, value in fatigue.summary().items() if key in FATIGUE_KEYS}
+    recording = replace(recording.within_span(), summary=summary)
     curves, left_out = curves_of(recording, reduced=lambda lines: downsampled(lines, round(share * CELLS)))
     left_out.pop("signals", None)  # a run without them lacks nothing
     maps: dict[str, HeatMap] = {}
     for name, gather in MAPS.items():
         try:
             time, values = gather(recording)
-            maps[name] = heat_map(time, values, columns_for(values.shape[1], share))
+            columns = np.clip(share * MAP_CELLS / max(1, values.shape[1]), MIN_COLUMNS, MAX_COLUMNS)
+            maps[name] = heat_map(time, values, round(float(columns)))
         except NotAvailable as reason:
             left_out[name] = str(reason)
     per_km, per_speed, per_kn = (display_unit(unit)[1] for unit in ("km", "km/h", "kN"))
@@ -330,12 +329,6 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
     )
 
 
-def _damage(recording: Recording) -> dict[str, float | int]:
-    """Return the fatigue damage of the couplers, {} without couplers."""
-    fatigue = coupler_fatigue(recording)
-    return {} if fatigue is None else {key: value for key, value in fatigue.summary().items() if key in FATIGUE_KEYS}
-
-
 def empty_page_data(label: str, summary: dict[str, Any], reason: str) -> PageData:
     """Return the data of a run without recording: a column in the tables and no curves."""
     return PageData(label, summary, {}, (0.0, 0.0), {}, {}, [], [], None, None, remarks=[f"{label}: {reason}"])
@@ -344,11 +337,6 @@ def empty_page_data(label: str, summary: dict[str, Any], reason: str) -> PageDat
 def share_of(runs: int) -> float:
     """Return the fraction of a page's numbers for each run; the page grows slowly with the number of runs."""
     return 1.0 if runs == 1 else 2.0 / (runs + 1.0)
-
-
-def columns_for(places: int, share: float) -> int:
-    """Return the maximum number of columns of a heat map."""
-    return round(float(np.clip(share * MAP_CELLS / max(1, places), MIN_COLUMNS, MAX_COLUMNS)))
 
 
 def remarks_of(recording: Recording) -> list[str]:

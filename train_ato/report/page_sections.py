@@ -119,7 +119,12 @@ def run_sections(data: page_data.PageData) -> tuple[list[PageSection], Linked]:
         caption = "Marked in every figure over time; click on a kind to hide its marks."
         sections.append(PageSection("events", "Events", [Placed(figure, "", caption)]))
     sections += _filled(FIGURES, lambda spec: _figure(linked, data, sources, spec))
-    follow_cursor(linked, _readings(sources))
+    readings = [
+        Reading(sources[table], column, words, display_unit(unit)[0], digits)
+        for column, (table, words, unit, digits) in READINGS.items()
+        if table in sources and column in sources[table].data
+    ]
+    follow_cursor(linked, readings)
     return sections, linked
 
 
@@ -196,14 +201,6 @@ def _line_section(
     if data.track is not None:
         placed.append(Placed(panels.track_figure(linked, data.track), "Grade and curves", captions[1]))
     return PageSection("line", "Along the line", placed)
-
-
-def _readings(sources: dict[str, ColumnDataSource]) -> list[Reading]:
-    return [
-        Reading(sources[table], column, words, display_unit(unit)[0], digits)
-        for column, (table, words, unit, digits) in READINGS.items()
-        if table in sources and column in sources[table].data
-    ]
 
 
 ColouredRun = tuple[page_data.PageData, str]

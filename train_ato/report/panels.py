@@ -260,7 +260,9 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
     y_range = models.Range1d(len(runs) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 24 * len(runs), y_range=y_range)
     plot.yaxis.ticker = models.FixedTicker(ticks=list(range(len(runs))))
-    plot.yaxis.major_label_overrides = {row: _short(name) for row, (name, _) in enumerate(runs)}
+    plot.yaxis.major_label_overrides = {
+        row: name if len(name) <= 11 else f"{name[:10]}…" for row, (name, _) in enumerate(runs)
+    }
     plot.ygrid.visible = False
     items = []
     for kind, words in q.KINDS.items():
@@ -284,11 +286,6 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
         _add_tips(plot, bars, [("", "@text"), ("run", "@run"), *_FROM_TO], linked)
     add_page_legend(plot, items)
     return plot
-
-
-def _short(name: str) -> str:
-    """Return a name shortened to the space beside the axis."""
-    return name if len(name) <= 11 else f"{name[:10]}…"
 
 
 _HIDE_MARKS = "for (const mark of marks) mark.visible = cb_obj.visible"
@@ -347,21 +344,14 @@ def _curves(plot: Figure, shape: TrackShape) -> list[models.LegendItem]:
     items = []
     low = min(0.0, float(shape.grade.min()))
     band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
-    if shape.curves:
-        begin, end, radius = (np.array(part) for part in zip(*shape.curves, strict=True))
-        source = models.ColumnDataSource({"begin": begin, "end": end, "radius": radius})
-        strip = plot.quad(
-            left="begin", right="end", bottom=low - 2 * band, top=low - band, source=source, color=q.PURPLE
-        )
-        tips = [("curve", shown_name("@begin{0.000} … @end{0.000} km")), ("radius", shown_name("@radius{0} m"))]
-        _add_tips(plot, strip, tips)
-        items.append(models.LegendItem(label="curve", renderers=[strip]))
-    if shape.tunnels:
-        begin, end = (np.array(part) for part in zip(*shape.tunnels, strict=True))
-        source = models.ColumnDataSource({"begin": begin, "end": end})
-        strip = plot.quad(
-            left="begin", right="end", bottom=low - 3.4 * band, top=low - 2.4 * band, source=source, color=q.INK
-        )
-        _add_tips(plot, strip, [("tunnel", shown_name("@begin{0.000} … @end{0.000} km"))])
-        items.append(models.LegendItem(label="tunnel", renderers=[strip]))
+    rows: Sequence[Sequence[float]]
+    for label, rows, below, color in (("curve", shape.curves, 1.0, q.PURPLE), ("tunnel", shape.tunnels, 2.4, q.INK)):
+        if rows:
+            columns = zip(("begin", "end", "radius"), map(np.array, zip(*rows, strict=True)), strict=False)
+            source = models.ColumnDataSource(dict(columns))
+            ends = {"bottom": low - (below + 1.0) * band, "top": low - below * band}
+            strip = plot.quad(left="begin", right="end", **ends, source=source, color=color)
+            tips = [(label, shown_name("@begin{0.000} … @end{0.000} km")), ("radius", shown_name("@radius{0} m"))]
+            _add_tips(plot, strip, tips[: len(rows[0]) - 1])
+            items.append(models.LegendItem(label=label, renderers=[strip]))
     return items

@@ -172,7 +172,7 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
     """Return the criteria that any run has, failed ones first; runs without one have a dash."""
     found = []
     for criterion in CRITERIA:
-        rows = [_row(data.summary, criterion.key) for data in pages]
+        rows = [next((row for row in _rows(data.summary) if row["criterion"] == criterion.key), None) for data in pages]
         limits = {row["limit"] for row in rows if row is not None}
         if not limits:
             continue
@@ -203,10 +203,6 @@ def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
 
 def _rows(summary: dict[str, Any]) -> Sequence[dict[str, Any]]:
     return summary.get("criteria") or ()
-
-
-def _row(summary: dict[str, Any], key: str) -> dict[str, Any] | None:
-    return next((row for row in _rows(summary) if row["criterion"] == key), None)
 
 
 def _value(value: Any, unit: str) -> str:

@@ -77,11 +77,11 @@ def write_run(data: PageData, path: Path) -> int:
     from train_ato.report.page_sections import run_sections
 
     sections, linked = run_sections(data)
-    summary = data.summary
+    summary, laws, protection = data.summary, data.facts.get("law"), summary_events(data.summary)
     page = ReportPage(
-        title=_run_title(data),
+        title=f"{summary.get('scenario') or data.label}{f': {laws}' if laws else ''}",
         subtitle=data.subtitle,
-        warnings=[*warnings_of(data), *_protection_warning(summary)],
+        warnings=[*warnings_of(data), *([f"{protection[0].upper()}{protection[1:]}."] if protection else [])],
         runs=[("value", "")],
         facts=[(title, [text]) for title, text in data.facts.items()],
         groups=summary_rows.run_groups(summary),
@@ -95,13 +95,6 @@ def write_run(data: PageData, path: Path) -> int:
         stops=[("", stop_cells(data.summary))],
     )
     return write_atomically(render(page, sections), path)
-
-
-def _run_title(data: PageData) -> str:
-    """Return scenario and laws of a run."""
-    name = str(data.summary.get("scenario") or data.label)
-    laws = data.facts.get("law")
-    return f"{name}: {laws}" if laws else name
 
 
 def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
@@ -132,12 +125,6 @@ def difference_cells(found: MotionDifference) -> list[list[str]]:
             ]
         )
     return rows
-
-
-def _protection_warning(summary: dict[str, Any]) -> list[str]:
-    """Return the line for brake interventions and a disengaged ATO, [] without them."""
-    events = summary_events(summary)
-    return [f"{events[0].upper()}{events[1:]}."] if events else []
 
 
 def write_comparison_page(pages: list[PageData], path: Path) -> int:

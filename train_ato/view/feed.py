@@ -1,6 +1,7 @@
 """Common data source of the pages for a live graph and a recorded run."""
 
 import json
+import math
 import secrets
 import threading
 from collections import deque
@@ -66,14 +67,12 @@ class WholeRun:
         end = max([self._span[1], *(time for time, _, _ in self._points[-1:])])
         return {
             "span": [self._span[0], end],
-            "points": [[round(time, 2), round(speed, 2), _or_none(limit)] for time, speed, limit in self._points],
+            "points": [
+                [round(time, 2), round(speed, 2), None if math.isnan(limit) else round(limit, 2)]
+                for time, speed, limit in self._points
+            ],
             **{name: [list(part) for part in band] for name, band in self._bands.items()},
         }
-
-
-def _or_none(limit: float) -> float | None:
-    """Return a limit for the page; None for no limit."""
-    return round(limit, 2) if limit == limit else None
 
 
 REPORT_PAGE = "/report"

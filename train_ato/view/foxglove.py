@@ -4,7 +4,6 @@ For a live run the newest messages of every topic are sent 20 times a second; fo
 in simulated time, and Foxglove's player also controls the time of the page.
 """
 
-import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -245,13 +244,3 @@ class _Listener(ServerListener):
 def _channel(name: str, kind: str, context: Context) -> Channel:
     schema = Schema(name=kind, encoding="ros2msg", data=definition(kind).text.encode())
     return Channel(name, schema=schema, message_encoding="cdr", context=context)
-
-
-@contextlib.contextmanager
-def serve_foxglove(feed: Feed, port: int) -> Iterator[FoxgloveServer]:
-    """Serve a feed to Foxglove within the context."""
-    server = FoxgloveServer(feed, port)
-    try:
-        yield server
-    finally:
-        server.close()

@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any
 
 from plant_sim.units import KMH
-from train_ato.view.layout_signals import DIAGNOSTICS, LayoutCurve, LayoutPanel, LogSignals, Signal, panels_of
+from train_ato.view.layout_signals import DIAGNOSTICS, LayoutPanel, LogSignals, Signal, panels_of
 from train_ato.view.train_scene import BASE, MARKERS, POSES, TRACK
 
 LEFT = ("speed", "states", "force", "coupler", "pipe")
@@ -50,12 +50,16 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = Fa
         groups["speed"] = _split("row", gauge, plot, 24)
     states = [curve for key in ("ato", "protection") if key in panels for curve in panels[key].curves]
     if states:
-        config = _filled("transitions", paths=[_transition(curve) for curve in states])
+        config = _filled(
+            "transitions",
+            paths=[_filled("transition", value=message_path(curve.signal), label=curve.label) for curve in states],
+        )
         groups["states"] = _add(configured, "StateTransitions!protection", config)
     if DIAGNOSTICS in log.names:
         groups["nodes"] = _nodes(configured, log)
     if log.scene or scene:
-        groups["scene"] = _add(configured, "3D!scene", _scene())
+        topics = {MARKERS.name: {"visible": True}, TRACK.name: {"visible": True}, POSES.name: {"visible": False}}
+        groups["scene"] = _add(configured, "3D!scene", _filled("scene", followTf=BASE, topics=topics))
     sides = [[groups[key] for key in side if key in groups] for side in (LEFT, RIGHT)]
     there = [_column(side) for side in sides if side]
     layout = _split("row", there[0], there[1], 62) if len(there) == 2 else there[0]
@@ -101,22 +105,12 @@ def _plot(panel: LayoutPanel, *, studio_1: bool) -> dict[str, Any]:
     return {**plot, "xAxisVal": "index", "isSynced": False, "xAxisLabel": "vehicle, 0 in front"}
 
 
-def _transition(curve: LayoutCurve) -> dict[str, Any]:
-    return _filled("transition", value=message_path(curve.signal), label=curve.label)
-
-
 def _gauge(panel: LayoutPanel, log: LogSignals, *, studio_1: bool) -> dict[str, Any]:
     """Return a gauge of the train's speed to a multiple of ten above the top speed of the run."""
     factor, unit = (1.0, "m/s") if studio_1 else (KMH, "km/h")
     path = message_path(panel.curves[-1].signal, factor)
     top = 10 * math.ceil((log.top_speed * factor + GAUGE_MARGIN) / 10)
     return _filled("gauge", foxglovePanelTitle=f"speed in {unit}", path=path, maxValue=top)
-
-
-def _scene() -> dict[str, Any]:
-    """Return a 3D panel that follows the head of the train."""
-    topics = {MARKERS.name: {"visible": True}, TRACK.name: {"visible": True}, POSES.name: {"visible": False}}
-    return _filled("scene", followTf=BASE, topics=topics)
 
 
 def _nodes(configured: dict[str, dict[str, Any]], log: LogSignals) -> Node:

@@ -18,7 +18,7 @@ from train_ato.judge.requirements import Robustness, evaluate_formula
 from train_ato.judge.series import TopicSamples
 from train_ato.judge.verdict import three_digits
 from train_ato.messages.topic import TrainLayout
-from train_ato.messages.types import Array, Diagnostic, Trajectory
+from train_ato.messages.types import Array, Diagnostic
 from train_ato.ros.graph.domain_lock import DomainLock
 from train_ato.scenario.changes import KEY as CHANGED
 from train_ato.scenario.changes import LAW, changes_from_json
@@ -389,7 +389,10 @@ class LiveFeed(Feed):
                 ProfileCurve(trajectory.time.astype(np.float64) * 1e-9, trajectory.position, trajectory.velocity)
             )
         if reader.limits and not self.facts.limit_places.size:
-            self._take_limits(reader.limits[-1])
+            limits = reader.limits[-1]
+            self.facts = replace(self.facts, limit_places=limits.position, limit_speeds=limits.velocity)
+            self.scale = self.facts.scale(self.profile)
+            self.profile_number += 1
         for message in reader.diagnostics:
             if message.node == "plant":
                 self._state = message.message
@@ -397,11 +400,6 @@ class LiveFeed(Feed):
                 self._plan = reported_plan(message.values)
             self.marks = [*self.marks, *marks_of(message), *self._tracker.take(message)]
         reader.clear()
-
-    def _take_limits(self, limits: Trajectory) -> None:
-        self.facts = replace(self.facts, limit_places=limits.position, limit_speeds=limits.velocity)
-        self.scale = self.facts.scale(self.profile)
-        self.profile_number += 1
 
     def _end(self) -> None:
         self._listening.destroy_node()

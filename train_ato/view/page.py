@@ -463,17 +463,13 @@ class ViewPage:
             self._where_due = False
             self._along.show(frame.along)
             self._show_strip(frame.moment.time)
-            self._show_messages(frame.moment.time)
+            if (rows := self._message_rows(frame.moment.time)) != self._messages.data:
+                self._messages.data = rows
             self._ahead.show_plan(frame.moment.plan, frame.moment.time, feed.facts)
             self._where.data = frame.where
 
     def _message_rows(self, time: float) -> dict[str, list[Any]]:
         return message_rows(self._feed.marks, time, self._feed.acknowledged, live=self._feed.live)
-
-    def _show_messages(self, time: float) -> None:
-        rows = self._message_rows(time)
-        if rows != self._messages.data:
-            self._messages.data = rows
 
     def _show_whole(self) -> None:
         """Send the overview again if it is new, at most once a second."""

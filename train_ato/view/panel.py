@@ -125,7 +125,11 @@ class Panel:
             return
         if self._feed.ending is not None:
             self._over = True
-            self._disable()
+            for root in (self.column, self.bar):
+                for widget in root.references():
+                    if isinstance(widget, Widget) and widget is not self._again:
+                        widget.disabled = True
+            self._again.visible = self._feed.repeatable
             return
         live = self._feed.requirements
         if live is not None and self._requirements.text != live.markup:
@@ -142,14 +146,6 @@ class Panel:
             self._follow()
         finally:
             self._following = False
-
-    def _disable(self) -> None:
-        """Disable all widgets except the button for another run, which appears."""
-        for root in (self.column, self.bar):
-            for widget in root.references():
-                if isinstance(widget, Widget) and widget is not self._again:
-                    widget.disabled = True
-        self._again.visible = self._feed.repeatable
 
     def _follow(self) -> None:
         tunables = self._feed.controls.tunables
@@ -173,9 +169,7 @@ class Panel:
         paused = bool(self._feed.paused)
         self._pause.label = "resume" if paused else "pause"
         self._step.disabled = not paused
-        self._show_rate(float(self._feed.controls.value("plant", "rate", 0.0)))
-
-    def _show_rate(self, rate: float) -> None:
+        rate = float(self._feed.controls.value("plant", "rate", 0.0))
         name = next((name for name, value in RATES.items() if value == rate), f"{rate:g} ×")
         if name not in self._rate.options:
             self._rate.options = [*RATES, name]

@@ -100,7 +100,9 @@ class GraphReader:
         self.newest = stamp
         decode = self._wire.decode
         cars, measured, reference, command = (decode(name, chosen[name]) for name in TOGETHER)
-        shoes, pipe, wanted, estimate, speeds = (self._beside(name) for name in BESIDE)
+        shoes, pipe, wanted, estimate, speeds = (
+            decode(name, self._latest[name]) if name in self._latest else None for name in BESIDE
+        )
         return Snapshot(
             time=stamp * 1e-9,
             position=cars.position,
@@ -115,10 +117,6 @@ class GraphReader:
             pipe_demand=np.nan if wanted is None else wanted.pressure,
             limits=None if speeds is None else speeds.speed[1:],
         )
-
-    def _beside(self, name: str) -> Any:
-        data = self._latest.get(name)
-        return None if data is None else self._wire.decode(name, data)
 
 
 Copied = tuple[str, int, bytes]

@@ -18,7 +18,7 @@ from train_ato.judge.verdict import verdict_line
 from train_ato.log.recorded import open_recording
 from train_ato.messages.topic import TrainLayout
 from train_ato.messages.types import Array
-from train_ato.report.events import Event, detect_events
+from train_ato.report.events import detect_events
 from train_ato.view.facts import Facts, ProfileCurve, facts_of, plan_of_row
 from train_ato.view.feed import FRAMES_PER_SECOND, REPORT_PAGE, Ending, Feed, Mark, WholeRun, protection_history
 from train_ato.view.feed import MAX_POINTS as POINTS_OF_OVERVIEW
@@ -83,10 +83,16 @@ class RecordedFeed(Feed):
         self._table = _table(recording, cars, self.facts)
         self._changed, self._states, marks = protection_history(recording.changed_reports)
         events = [event for event in detect_events(recording) if event.kind not in PROTECTION_KINDS]
-        marks += [Mark(event.begin, _label(event), event.text) for event in events]
+        labels = LABELS | {"outside": ""}  # of an intervention its first word
+        marks += [
+            Mark(event.begin, labels.get(event.kind, event.kind) or event.text.partition(" ")[0], event.text)
+            for event in events
+        ]
         self.marks = sorted(marks, key=lambda mark: mark.time)
         self.overview = self._whole()
-        self.seek(self._first_look())
+        urgent = [mark.time for mark in self.marks if mark.acknowledge]  # first intervention or failure
+        largest = int(np.abs(np.nan_to_num(self._table["error"])).argmax())
+        self.seek(urgent[0] if urgent else float(self._table["time"][largest]))
 
     def _whole(self) -> WholeRun:
         """Return the overview of the whole run."""
@@ -99,12 +105,6 @@ class RecordedFeed(Feed):
             ato = self._states[max(0, bisect_right(self._changed, at + 1e-9) - 1)].ato
             whole.add(at, float(table["speed"][row]), float(table["limit"][row]), law=law, ato=ato)
         return whole
-
-    def _first_look(self) -> float:
-        """Return the time [s] at which the page opens: first intervention or failure, else largest speed error."""
-        urgent = [mark.time for mark in self.marks if mark.acknowledge]
-        error = np.abs(np.nan_to_num(self._table["error"]))
-        return urgent[0] if urgent else float(self._table["time"][int(error.argmax())])
 
     def seek(self, moment: float) -> None:
         """Show the run at a time [s]."""
@@ -211,13 +211,6 @@ class RecordedFeed(Feed):
         first, last = np.searchsorted(times, (begin, end))
         stride = max(1, math.ceil((last - first) / MAX_POINTS))
         return {name: column[first:last:stride] for name, column in self._table.items()}
-
-
-def _label(event: Event) -> str:
-    """Return the label of an event for the strip charts."""
-    if event.kind == "outside":
-        return event.text.partition(" ")[0]
-    return LABELS.get(event.kind, event.kind)
 
 
 def _before(times: Array, at: float) -> int:

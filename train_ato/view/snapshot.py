@@ -117,15 +117,12 @@ def delay_at(timetable: ProfileCurve, time: float, position: float) -> float:
     """
     sign, timetable = timetable.way(time)
     reached, position = timetable.reached, sign * position
-    arrival, departure = (float(timetable.time[_row(reached, position + shift)]) for shift in (-STOPPED, STOPPED))
+    rows = np.minimum(np.searchsorted(reached, position + np.array([-STOPPED, STOPPED])), reached.size - 1)
+    arrival, departure = map(float, timetable.time[rows])
     exact = float(np.interp(position, reached, timetable.time))
     if departure - arrival > 2.0 * AHEAD_S:  # at a stop of the timetable
         return max(time - departure, 0.0) + min(time - arrival, 0.0)
     return time - exact
-
-
-def _row(reached: Array, position: float) -> int:
-    return min(int(np.searchsorted(reached, position, side="left")), reached.size - 1)
 
 
 MIN_ARC = 1e-3
@@ -258,7 +255,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
     sign, way = (1.0, None) if profile is None else profile.way(moment.time)
     ahead = facts if sign > 0.0 else facts.mirrored
     place = sign * float(moment.position[0])
-    stop = math.nan if way is None else way.end - place
+    stop, lower = math.nan if way is None else way.end - place, ahead.next_lower_limit(place + ahead.nose)
     row = {
         "speed_angle": angle(abs(moment.speed), scale),
         "profile_angle": angle(abs(KMH * moment.reference[1]), scale),
@@ -279,7 +276,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "error_text": signed(moment.error, 2),
         "place_text": f"{front / 1e3:.3f}" if facts.setup is None else facts.setup.line.post_at(front),
         "stop_text": distance(stop),
-        "target_text": _target(ahead, place + ahead.nose),
+        "target_text": "–" if lower is None else f"{KMH * lower[1]:.0f} in {distance(lower[0] - place - ahead.nose)}",
         "applied_text": signed(moment.applied.sum() / 1e3, 0),
         "demand_text": signed(moment.command.sum() / 1e3, 0),
         "draft_text": _extreme(moment.coupler, 1),
@@ -376,12 +373,6 @@ def angle(speed: float, scale: float) -> float:
     The angle never reaches an end exactly, because Bokeh draws a ring between equal angles as a full ring.
     """
     return DIAL_BEGIN - DIAL_SWEEP * min(max(speed / scale, 1e-3), 1.0 - 1e-3)
-
-
-def _target(facts: Facts, front: float) -> str:
-    """Return the next lower limit [km/h] and its distance as text."""
-    target = facts.next_lower_limit(front)
-    return "–" if target is None else f"{KMH * target[1]:.0f} in {distance(target[0] - front)}"
 
 
 def _extreme(coupler: Array, sign: int) -> str:

@@ -93,7 +93,9 @@ class TrainScene:
         for path, column in columns.items():
             column[-1] = 1.0 if path.endswith("rotation.w") else 0.0
         drawn = self._alignment.at(self._alignment.drawn_places())
-        track = _track(drawn.x.size)
+        path = _framed(TRACK.type, MAP)
+        path.poses = [_framed("geometry_msgs/msg/PoseStamped", MAP) for _ in range(drawn.x.size)]
+        track = MessageTemplate(TRACK.type, path)
         track_columns = _pose_columns(drawn, "poses[].pose.position", "poses[].pose.orientation")
         return [(STATIC, frames.encode(stamp, columns)), (TRACK, track.encode(stamp, track_columns))]
 
@@ -166,12 +168,6 @@ def _poses(count: int) -> MessageTemplate:
     message = _framed(POSES.type, MAP)
     message.poses = [blank("geometry_msgs/msg/Pose") for _ in range(count)]
     return MessageTemplate(POSES.type, message)
-
-
-def _track(count: int) -> MessageTemplate:
-    message = _framed(TRACK.type, MAP)
-    message.poses = [_framed("geometry_msgs/msg/PoseStamped", MAP) for _ in range(count)]
-    return MessageTemplate(TRACK.type, message)
 
 
 def _markers(lengths: Sequence[float]) -> MessageTemplate:
