@@ -10,12 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import Progress, RunResult, failure_of_ato
-from train_ato.loop.controller import ControllerStage
-from train_ato.loop.observer import ObserverStage
-from train_ato.loop.plant import PlantStage
-from train_ato.loop.profile import ProfileStage
 from train_ato.loop.stage_messages import Published
-from train_ato.loop.supervisor import SupervisorStage
+from train_ato.loop.stages import Stages
 from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic
 from train_ato.program.errors import FirstFailure
@@ -147,25 +143,20 @@ def run_engine(
     return replace(result, recording=None, published={}) if summary_only else result
 
 
-class TickLoop:
+class TickLoop(Stages):
     """The stages in the order of the messages of the nodes."""
 
     def __init__(
         self, setup: RunSetup, sink: Sink | None, *, compiled: bool = False, summary_only: bool = False
     ) -> None:
-        self.plant = PlantStage(setup)
-        self.profile = ProfileStage(setup)
-        self.observer = ObserverStage(setup)
-        self.controller = ControllerStage(setup)
-        self.observer.on_fault = self.controller.fail
-        self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
+        super().__init__(setup)
         self.recording = RecordingBuilder(setup, summary_only)
         self.last_report: AtoReport | None = None
         self._release: BrakeRelease | None = None
         self.ticks = 0
         self.active = "engine"
         self._sink = sink
-        self._setup, self._spans_wanted = setup, compiled
+        self._spans_wanted = compiled
         self._spans: CompiledSpans | None = None
 
     def _publish(self, stamp: int, messages: Published) -> None:
@@ -252,11 +243,9 @@ class TickLoop:
 
     def compiled_spans(self) -> CompiledSpans:
         """Return the compiled ticks of the run."""
-        from train_ato.loop.span import CompiledSpans  # late imports: only long runs need them
-        from train_ato.loop.stages import Stages
+        from train_ato.loop.span import CompiledSpans  # late import: only long runs need them
 
-        stages = Stages(self._setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
-        return CompiledSpans(stages, self.recording, None if self._sink is None else self._sink.add_ticks)
+        return CompiledSpans(self, self.recording, None if self._sink is None else self._sink.add_ticks)
 
     def conclude(self) -> None:
         """Send the state after the last tick."""

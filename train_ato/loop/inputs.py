@@ -1,8 +1,6 @@
 """Receiving ends of a stage: its topics with their faults and age limits."""
 
 import json
-from collections.abc import Sequence
-from typing import Any
 
 from train_ato.loop.stage_messages import SECOND_NS, without_values
 from train_ato.messages.faults import FAULT_TOPICS, NEVER, MessageFault, message_faults
@@ -74,11 +72,6 @@ class StageInputs:
     def next_fault(self, now: int) -> int:
         """Return the begin of the next fault after a time [ns]."""
         return min((end.next_fault(now) for end in self.ends.values()), default=NEVER)
-
-    def accept(self, topic: str, count: int, messages: Sequence[Any]) -> None:
-        """Take valid messages of a topic: their number, and the last two or the only one."""
-        if topic in self.ends and count:
-            self.ends[topic].accept(count, messages)
 
     def report_due(self, stamp: int) -> bool:
         """Return True for a stamp [ns] with diagnostics: the first of a second, and one with a change of a receiver.

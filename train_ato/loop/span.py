@@ -30,7 +30,6 @@ from train_ato.control.train_model import Actuator
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.loop import span_kernel as kernel
 from train_ato.loop.forecast import Forecast, SpanShoes
-from train_ato.loop.inputs import StageInputs
 from train_ato.loop.python_law import PythonCall, PythonLaw, PythonStack
 from train_ato.loop.span_messages import SpanArrays, SpanMessages
 from train_ato.loop.stage_messages import SECOND_NS
@@ -96,7 +95,7 @@ def ticks_to_event(stages: Stages, stack: ControlStack, *, logged: bool, brief: 
     ends += [requested_stamp(change) for change in controller.planned]
     ends += [at for at, _ in plant.interventions.due]
     ends += [round((gust.end + (gust.shift or 0.0)) * 1e9) for gust in plant.train.outside.added_gusts]
-    ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
+    ends += [inputs.next_fault(stamp) for inputs in stages.inputs]
     ends += [at for request in controller.ato.waiting if (at := round(request.at * 1e9)) > stamp]
     if stages.profile.headway is not None:
         due = stages.profile.headway.next_due(range(stamp, ends[0], tick))
@@ -110,7 +109,7 @@ def ticks_to_event(stages: Stages, stack: ControlStack, *, logged: bool, brief: 
 def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> bool:
     """Return True if train and receiving ends are in a state that the compiled ticks contain."""
     plant, stamp, pipe = stages.plant, stages.plant.stamp, stages.plant.train.brake
-    if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
+    if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in stages.inputs):
         return False
     if plant.train.parted.since is not None:
         return False
@@ -129,12 +128,6 @@ def is_in_state(stages: Stages, stack: ControlStack) -> bool:
             return True
         return own.shoes.fitted and own.shoes.pressure != stack.pressure
     return False
-
-
-def _inputs(stages: Stages) -> list[StageInputs]:
-    """Return the receiving ends of all stages."""
-    owners = (stages.plant, stages.profile, stages.observer, stages.controller, stages.supervisor)
-    return [owner.inputs for owner in owners if owner is not None]
 
 
 LawStep = RecordStep | CallerStep | PythonCall

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim import kernel as k
-from plant_sim.odometry import odometry_of
 from train_ato.judge import recording as rec
 from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.repeated_reports import RepeatedReport
@@ -25,20 +24,16 @@ from train_ato.supervision.supervisor import SupervisionDecision
 
 ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
 
+BETWEEN = (
+    ("plant", rec.MEASUREMENT), (ODOMETRY, rec.MEASUREMENT), (PROTECTION, rec.MEASUREMENT),
+    (rec.SUPERVISED_SPEEDS, rec.REFERENCE), ("supervisor", rec.REFERENCE), (BRAKE_RELEASE, rec.REFERENCE),
+    ("profile", rec.REFERENCE), ("observer", rec.ESTIMATE), (rec.ATO_STATE, rec.COMMAND), ("controller", rec.COMMAND),
+)  # fmt: skip
+"""Messages that are not of every tick, diagnostics by their node, in order; topic before which each is published."""
 NUMBERS = ("front", "position_error", "acceleration")
 """Numbers in the diagnostics of the supervisor."""
 TEXTS = ["state", "reason", "reason_speed", "reason_front", "reason_limit"]
 """Fields of a step from which the texts of the diagnostics follow."""
-
-
-class SupervisedStep(NamedTuple):
-    """Messages of a step of the supervisor, without its diagnostics."""
-
-    odometry: msg.Odometry
-    protection: msg.ProtectionState
-    speeds: msg.SupervisedSpeeds
-    release: msg.BrakeRelease
-    ato: msg.AtoReport
 
 
 class SupervisionMessages:
@@ -83,47 +78,39 @@ class SupervisionMessages:
         self._stamps = stamps[self.ticks]
         seen, first = measured[self.ticks, :, 0], self._stage.count
         assert first is not None
-        self._alive: msg.Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
-        offset = stages.setup.model.offsets[0]
-        state = np.full(len(seen), float(msg.AtoState.ENGAGED))
-        self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
+        count = len(self._stamps)
+        alive: msg.Array = np.arange(first + 1, first + 1 + count, dtype=np.float64)
         front = self._steps["front"]
         foremost = front + self._steps["position_error"]
-        self._foremost = np.ascontiguousarray(np.column_stack((front, *[foremost] * 4)))
         limits = (self._steps[name] for name in SupervisionSpeeds._fields)
-        self._speeds = np.ascontiguousarray(np.column_stack((self._steps["speed"], *limits)))
+        self.rows: dict[str, Values] = {
+            ODOMETRY: {name: self._readings[name] for name in ("position", "speed", "since_balise")},
+            PROTECTION: {"active": np.zeros((count, 3))},
+            rec.SUPERVISED_SPEEDS: {
+                "position": np.column_stack((front, *[foremost] * 4)),
+                "speed": np.column_stack((self._steps["speed"], *limits)),
+            },
+            BRAKE_RELEASE: {"released": np.ones((count, 3)), "alive": np.repeat(alive[:, None], 3, 1)},
+            rec.ATO_STATE: {
+                "position": seen[:, :1] + stages.setup.model.offsets[0],
+                "velocity": seen[:, 1:2],
+                "state": np.full((count, 1), float(msg.AtoState.ENGAGED)),
+            },
+        }
         self.reports = self._diagnostics(() if brief else NUMBERS)
 
-    def at(self, number: int) -> SupervisedStep:
-        """Return the messages of a step by its number."""
+    def at(self, number: int) -> dict[str, Any]:
+        """Return the messages of a step by topic."""
         stamp = int(self._stamps[number])
-        position, velocity, state = self._ato[number].reshape(3, 1)
-        return SupervisedStep(
-            odometry_of(self._readings[number]),
-            msg.ProtectionState(stamp, np.zeros(3)),
-            msg.SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
-            msg.BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
-            msg.AtoReport(stamp, position, velocity, state),
-        )
+        return {topic: message_at(topic, stamp, values, number) for topic, values in self.rows.items()}
 
-    def record(self, recording: RecordingBuilder) -> None:
-        """Add the messages without the diagnostics to a recording as arrays."""
-        stamps, count, add = self._stamps, len(self._stamps), recording.extend_rows
-        ato = self._ato
-        add(ODOMETRY, stamps, {name: self._readings[name] for name in ("position", "speed", "since_balise")})
-        add(PROTECTION, stamps, {"active": np.zeros((count, 3))})
-        add(rec.SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
-        add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
-        add(rec.ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
-
-    def record_state(self, recording: RecordingBuilder) -> None:
-        """Add the states of the ATO to a recording for the summary."""
-        recording.extend_reduced(rec.ATO_STATE, self._stamps, {"state": self._ato[:, 2:]})
-
-    @property
-    def numbers(self) -> dict[int, int]:
-        """Number of the step by the number of its tick."""
-        return {index: number for number, index in enumerate(self.ticks.tolist())}
+    def record(self, recording: RecordingBuilder, *, brief: bool = False) -> None:
+        """Add the messages without the diagnostics to a recording as arrays; ``brief``: the states of the ATO alone."""
+        for topic, values in self.rows.items():
+            if not brief:
+                recording.extend_rows(topic, self._stamps, values)
+            elif topic == rec.ATO_STATE:
+                recording.extend_reduced(topic, self._stamps, {"state": values["state"]})
 
     def store(self, ato: msg.AtoReport | None) -> msg.AtoReport | None:
         """Set the supervisor, its stage and the receiving ends to their states after the last step.
@@ -141,20 +128,18 @@ class SupervisionMessages:
         stage, count = self._stage, len(self._stamps)
         if not count:
             return ato
-        last = [self.at(number) for number in range(max(count - 2, 0), count)]
-        reports = [ato] * (count < 3) + [self.at(number).ato for number in range(max(count - 3, 0), count - 1)]
-        inputs = self._stages.controller.inputs
-        inputs.accept(PROTECTION, count, [step.protection for step in last])
-        inputs.accept(rec.SUPERVISED_SPEEDS, count, [step.speeds for step in last])
-        self._stages.plant.inputs.accept(BRAKE_RELEASE, count, [step.release for step in last])
-        self._stages.plant.protection.on_release(last[-1].release)
-        self._stages.plant.alive_check.problem(last[-1].release)
-        self._stages.profile.inputs.accept(rec.ATO_STATE, count, [report for report in reports if report][-2:])
-        stage.inputs.accept(ODOMETRY, count, [step.odometry for step in last])
+        steps = [self.at(number) for number in range(max(count - 3, 0), count)]
+        last = {topic: [step[topic] for step in steps[-2:]] for topic in self.rows}
+        reports = [ato] * (count < 3) + [step[rec.ATO_STATE] for step in steps[:-1]]
+        self._stages.accept(count, {**last, rec.ATO_STATE: [report for report in reports if report][-2:]})
+        release = last[BRAKE_RELEASE][-1]
+        self._stages.plant.protection.on_release(release)
+        self._stages.plant.alive_check.problem(release)
         assert stage.count is not None
         stage.count += count
         stage.reported = int(self._steps["state"][-1])
-        return last[-1].ato
+        report: msg.AtoReport = steps[-1][rec.ATO_STATE]
+        return report
 
     def _diagnostics(self, numbers: Sequence[str]) -> list[RepeatedReport]:
         """Return the diagnostics, once a second and after a change of state, with some numbers by key."""
@@ -172,8 +157,6 @@ class SupervisionMessages:
 
 SATURATED = "saturated"
 """Key of the time at a force limit, the only number of the summary from all diagnostics of the plant."""
-NODES = ("plant", "supervisor", "profile", "observer", "controller")
-"""Nodes with diagnostics, in the order of their messages in a tick."""
 
 
 @dataclass
@@ -305,39 +288,26 @@ class SpanMessages:
         add(rec.REFERENCE, self._stamps, reference)
         add(rec.COMMAND, self._stamps, {"force": a.sent[1 : done + 1]})
         if self._supervision is not None:
-            self._supervision.record_state(recording)
+            self._supervision.record(recording, brief=True)
         recording.extend_reports(self._reports)
 
     def block(self) -> TickBlock:
         """Return the messages as arrays, with those that are not of every tick between them."""
         place = {topic: number for number, (topic, _) in enumerate(self._rows)}
-        numbers = {} if self._supervision is None else self._supervision.numbers
-        between: dict[int, list[tuple[int, str, Any]]] = {}
-        before = [place[topic] for topic in (rec.MEASUREMENT, rec.REFERENCE, rec.REFERENCE, rec.ESTIMATE, rec.COMMAND)]
-        found_reports: dict[int, dict[str, msg.Diagnostic]] = {}
-        for each in self._reports:
-            for report in each.all():
-                tick = (report.stamp - int(self._stamps[0])) // self._tick
-                found_reports.setdefault(tick, {})[report.node] = report
-        for index in sorted({*found_reports, *numbers}):
-            reports = found_reports.get(index, {})
-            plant, supervisor, profile, observer, controller = (
-                [(at, rec.DIAGNOSTICS, reports[node])] if node in reports else []
-                for at, node in zip(before, NODES, strict=True)
-            )
-            found: list[tuple[int, str, Any]] = [*plant]
-            ato = []
-            if index in numbers:
-                assert self._supervision is not None
-                step, (measured, expected, sent) = (
-                    self._supervision.at(numbers[index]),
-                    (before[0], before[1], before[4]),
-                )
-                found += [(measured, ODOMETRY, step.odometry), (measured, PROTECTION, step.protection)]
-                found.append((expected, rec.SUPERVISED_SPEEDS, step.speeds))
-                found += [*supervisor, (expected, BRAKE_RELEASE, step.release)]
-                ato = [(sent, rec.ATO_STATE, step.ato)]
-            between[index] = [*found, *profile, *observer, *ato, *controller]
+        found: dict[int, dict[str, Any]] = {}
+        for report in (report for each in self._reports for report in each.all()):
+            found.setdefault((report.stamp - int(self._stamps[0])) // self._tick, {})[report.node] = report
+        if self._supervision is not None:
+            for number, tick in enumerate(self._supervision.ticks.tolist()):
+                found.setdefault(tick, {}).update(self._supervision.at(number))
+        between = {
+            tick: [
+                (place[topic], key if "/" in key else rec.DIAGNOSTICS, messages[key])
+                for key, topic in BETWEEN
+                if key in messages
+            ]
+            for tick, messages in sorted(found.items())
+        }
         return TickBlock(self._stamps, self._rows, between)
 
     def store(self, ato: msg.AtoReport | None) -> msg.AtoReport | None:
@@ -362,12 +332,7 @@ class SpanMessages:
             topic: [message_at(topic, int(self._stamps[index]), values, index) for index in last]
             for topic, values in self._exchanged.items()
         }
-        for stage in (stages.profile, stages.observer, stages.controller):
-            stage.inputs.accept(rec.MEASUREMENT, done, messages[rec.MEASUREMENT])
-        for topic in (rec.REFERENCE, rec.ESTIMATE):
-            stages.controller.inputs.accept(topic, done, messages[topic])
-        for topic in messages.keys() & {rec.COMMAND, rec.BRAKE_PIPE_COMMAND}:
-            stages.plant.inputs.accept(topic, done, messages[topic])
+        stages.accept(done, messages)
         return ato if supervision is None else supervision.store(ato)
 
     def _next_disturbance(self, index: int) -> msg.Array:
