@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,38 +50,28 @@ CHASE_LIMITS = (1.1, 1.5)
 """The same on a way with bounded speed and acceleration; it exceeds its speed by a few mm/s."""
 
 
-class SmoothFunction(NamedTuple):
-    """A function of time with its first two derivatives at the knots of a profile."""
+SmoothFunction = Array
+"""A function of time with its first two derivatives at the knots of a profile: value, rate and curvature in rows."""
 
-    value: Array
-    rate: Array
-    curvature: Array
 
-    def times(self, other: SmoothFunction) -> SmoothFunction:
-        """Return the product of two functions."""
-        return SmoothFunction(
-            self.value * other.value,
-            self.rate * other.value + self.value * other.rate,
-            self.curvature * other.value + 2.0 * self.rate * other.rate + self.value * other.curvature,
-        )
+def product(one: SmoothFunction, other: SmoothFunction) -> SmoothFunction:
+    """Return the product of two functions."""
+    value = one[0] * other[0]
+    rate = one[1] * other[0] + one[0] * other[1]
+    return np.array((value, rate, one[2] * other[0] + 2.0 * one[1] * other[1] + one[0] * other[2]))
 
-    def plus(self, other: SmoothFunction) -> SmoothFunction:
-        """Return the sum of two functions."""
-        return SmoothFunction(*(a + b for a, b in zip(self, other, strict=True)))
 
-    def minus(self, other: SmoothFunction) -> SmoothFunction:
-        """Return the difference of two functions."""
-        return SmoothFunction(*(a - b for a, b in zip(self, other, strict=True)))
+def reverse(function: SmoothFunction) -> SmoothFunction:
+    """Return a function of the time that is left as one of the time."""
+    return np.array((function[0], -function[1], function[2]))
 
 
 def smooth_step(time: Array, duration: float) -> SmoothFunction:
     """Return the step from 0 at time 0 to 1 at a duration [s] with continuous acceleration, at times [s]."""
     u = np.clip(time / duration, 0.0, 1.0)
-    return SmoothFunction(
-        u**3 * (10.0 + u * (6.0 * u - 15.0)),
-        30.0 * u**2 * (1.0 - u) ** 2 / duration,
-        60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2,
-    )
+    rate = 30.0 * u**2 * (1.0 - u) ** 2 / duration
+    curvature = 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration**2
+    return np.array((u**3 * (10.0 + u * (6.0 * u - 15.0)), rate, curvature))
 
 
 def knots_at_rest(velocity: Array) -> NDArray[np.bool_]:
@@ -101,7 +90,7 @@ def stop_weight(profile: Profile, duration: float) -> SmoothFunction:
     after = np.minimum.accumulate(np.where(at_rest, places, 10**9)[::-1])[::-1]
     since = smooth_step(np.asarray((places - before) * profile.period, dtype=np.float64), duration)
     until = smooth_step(np.asarray((after - places) * profile.period, dtype=np.float64), duration)
-    return since.times(SmoothFunction(until.value, -until.rate, until.curvature))
+    return product(since, reverse(until))
 
 
 def following_weight(profile: Profile, spec: LeaderSpec) -> SmoothFunction:
@@ -116,8 +105,7 @@ def fading_until(times: Array, weight: SmoothFunction, spec: LeaderSpec) -> Smoo
     """Return a weight at times [s] that fades to 0 at the time ``until``."""
     if spec.until is None:
         return weight
-    left = smooth_step(spec.until - times, spec.smoothing)
-    return weight.times(SmoothFunction(left.value, -left.rate, left.curvature))
+    return product(weight, reverse(smooth_step(spec.until - times, spec.smoothing)))
 
 
 def averaging_kernel(half: int, period: float) -> SmoothFunction:
@@ -126,7 +114,7 @@ def averaging_kernel(half: int, period: float) -> SmoothFunction:
     rest = 1.0 - u**2
     whole, span = float((rest**3).sum()), half * period
     bend = (24.0 * u**2 * rest - 6.0 * rest**2) / (whole * span**2)
-    return SmoothFunction(rest**3 / whole, -6.0 * u * rest**2 / (whole * span), bend - bend.mean())
+    return np.array((rest**3 / whole, -6.0 * u * rest**2 / (whole * span), bend - bend.mean()))
 
 
 class DelayedProfile:
@@ -149,12 +137,12 @@ class DelayedProfile:
         at_rest[-2] = True  # the end counts as a stop
         self._stops = np.flatnonzero(np.diff(at_rest)).reshape(-1, 2) - (0, 1)
         self._fading = FADING_ACCELERATION * smoothing**2 / STEP_CURVATURE
-        self._delay = SmoothFunction(*np.zeros((3, own.time.size)))
+        self._delay: SmoothFunction = np.zeros((3, own.time.size))
 
     @property
     def lasting(self) -> float:
         """Delay at the end [s]; 0 for a profile that ends in motion."""
-        return 0.0 if self._own.ends_rolling else float(self._delay.value[-1])
+        return 0.0 if self._own.ends_rolling else float(self._delay[0, -1])
 
     def set_delays(self, times: Array, places: Array) -> None:
         """Set the delays with which a train has places [m] at times [s].
@@ -164,7 +152,7 @@ class DelayedProfile:
         own, late, begin = self._own, 0.0, self._own.start
         reached = np.maximum.accumulate(places) + self._fading
         newest, passed = map(float, np.interp(reached[-1] - (0.0, 2.0 * self._fading), own.position, own.time))
-        self._delay = SmoothFunction(*np.zeros((3, own.time.size)))
+        self._delay = np.zeros((3, own.time.size))
         departures = [(-np.inf, 0.0)]
 
         def delay_at(t: float) -> float:
@@ -178,13 +166,13 @@ class DelayedProfile:
             if end > begin:
                 change = max(delay_at(end) - late, RECOVERED * (begin - end))
                 step = smooth_step(own.time - begin, max(min(end, newest), begin + self._smoothing) - begin)
-                self._delay = self._delay.plus(SmoothFunction(*(change * part for part in step)))
+                self._delay = self._delay + change * step
                 late += change
             begin = float(own.time[last]) + self._smoothing
             if last < own.time.size - 1:
                 change = max(delay_at(begin) - late, 0.0)
                 stay = np.clip((np.arange(own.time.size) - first) / max(last - first, 1), 0.0, 1.0)
-                self._delay = self._delay._replace(value=self._delay.value + change * stay)
+                self._delay[0] += change * stay
                 late += change
                 departures.append((float(own.time[last]) + late, late))
         self._departures = np.array(departures).T
@@ -196,8 +184,8 @@ class DelayedProfile:
         """
         left, late = self._departures
         kept = self._own.at_times(t - late[np.searchsorted(left, t, "right") - 1])[0]
-        profile = self.at(t)[0].value
-        return np.minimum(places, np.maximum(profile, kept) + MAX_LEAD) - profile
+        profile = self.at(t)[0][0]
+        return np.asarray(np.minimum(places, np.maximum(profile, kept) + MAX_LEAD) - profile)
 
     def at(self, t: Array) -> tuple[SmoothFunction, SmoothFunction]:
         """Return the profile and its weight near the stops at times [s]."""
@@ -207,7 +195,7 @@ class DelayedProfile:
         stretch, bend = 1.0 + np.interp(s, own.time, rate), np.interp(s, own.time, curvature)
 
         def over_time(value: Array, slope: Array, curve: Array) -> SmoothFunction:
-            return SmoothFunction(value, slope / stretch, (curve - slope * bend / stretch) / stretch**2)
+            return np.array((value, slope / stretch, (curve - slope * bend / stretch) / stretch**2))
 
         return over_time(*own.at_times(s)), over_time(*(np.interp(s, own.time, part) for part in self._weight))
 
@@ -232,7 +220,7 @@ class HeadwayProfile:
         self._kernel = averaging_kernel(self._side, setup.profile.period)
         self._spec, self._delayed = spec, DelayedProfile(setup.profile, spec.smoothing)
         own, self._time = setup.profile, setup.profile.time
-        self._present = SmoothFunction(own.position.copy(), own.velocity.copy(), own.acceleration.copy())
+        self._present: SmoothFunction = np.array((own.position, own.velocity, own.acceleration))
         self._every = max(1.0, (spec.headway - spec.smoothing - spec.link.longest - RESERVE) / 2.0)
         self._last = math.inf if spec.until is None else spec.until - spec.smoothing / 2.0
         self._times: list[float] = []
@@ -285,15 +273,13 @@ class HeadwayProfile:
         first = (stamp - own.start_ns) // own.period_ns + 1
         if first < 0 or first >= self._time.size - 2:
             return None
-        ahead = slice(first, None)
         profile, weight = self._delayed.at(self._time)
-        deviation = SmoothFunction(*(np.zeros((3, self._time.size))))
-        for part, found in zip(deviation, self._averaged(first), strict=True):
-            part[ahead] = found
-        wanted = profile.plus(deviation.times(fading_until(self._time, weight, self._spec)))
+        deviation = np.zeros((3, self._time.size))
+        deviation[:, first:] = self._averaged(first)
+        wanted = profile + product(deviation, fading_until(self._time, weight, self._spec))
         self._present = self._joined(first, wanted)
         kept = slice(max(0, first - round(KEPT_TIME / own.period)), None)
-        return Profile(self._time[kept], *(part[kept] for part in self._present))
+        return Profile(self._time[kept], *self._present[:, kept])
 
     def _set_size(self, knots: int) -> None:
         """Set the number of knots of the present profile; new ones are at rest."""
@@ -310,25 +296,24 @@ class HeadwayProfile:
         before, smoothing = self._time.size, round(self._smoothing / self._own.period)
         if not self._own.ends_rolling:
             self._set_size(before + self._own.time.size)
-        chasing, wanted = np.array(self._present), _resized(wanted, self._time.size)
+        chased, wanted = self._present.copy(), _resized(wanted, self._time.size)
         speed, acceleration = CHASE_LIMITS
         limits = self._fastest * ((1.0,), (speed,)), self._strongest * acceleration
-        close = _chase(chasing, np.array(wanted), first, self._own.period, *limits, smoothing)
-        chased = SmoothFunction(*chasing)
+        close = _chase(chased, wanted, first, self._own.period, *limits, smoothing)
         joined = self._changed(chased, close, wanted)
         found = joined if self._permitted(joined, first) else chased
-        moving = int(np.max(np.flatnonzero(found.rate > TURNING_SPEED), initial=0)) + 2
+        moving = int(np.max(np.flatnonzero(found[1] > TURNING_SPEED), initial=0)) + 2
         self._set_size(min(self._time.size, max(before, moving)))
         return _resized(found, self._time.size)
 
     def _changed(self, profile: SmoothFunction, first: int, wanted: SmoothFunction) -> SmoothFunction:
         """Return a profile that is the wanted one from one smoothing time after a knot on."""
         step = smooth_step(self._time - self._time[first], self._smoothing)
-        return profile.plus(step.times(wanted.minus(profile)))
+        return profile + product(step, wanted - profile)
 
     def _permitted(self, profile: SmoothFunction, first: int) -> bool:
         """Return True if a profile from a knot on is in its limits after missing reports or at the start."""
-        place, speed, acceleration = (part[first:] for part in profile)
+        place, speed, acceleration = profile[:, first:]
         fastest = JOIN_LIMITS[0] * np.interp(place, *self._fastest)
         strongest = JOIN_LIMITS[1] * self._strongest
         return bool(((speed >= BACKWARDS) & (speed <= fastest) & (abs(acceleration) <= strongest)).all())
@@ -342,12 +327,12 @@ class HeadwayProfile:
         deviations = self._delayed.deviation(np.array(self._times), np.array(self._places))
         raw = np.interp(times, self._times, deviations)
         early = np.minimum(np.append(times, np.inf), self._times[0])  # no delay before the first place that counts
-        ahead = own.at_times(early)[0] - self._delayed.at(early)[0].value
+        ahead = own.at_times(early)[0] - self._delayed.at(early)[0][0]
         raw += ahead[:-1] - ahead[-1]
         found = np.zeros((3, self._time.size - first))
         found[0] = deviations[-1]
-        _average(raw, np.array(self._kernel), found[:, : last - first])
-        return SmoothFunction(*found)
+        _average(raw, self._kernel, found[:, : last - first])
+        return found
 
 
 @compiled
@@ -364,7 +349,7 @@ def _average(raw: Array, weights: Array, found: Array) -> None:
 
 def _resized(profile: SmoothFunction, knots: int) -> SmoothFunction:
     """Return a profile with a number of knots; new ones are as the last one."""
-    return SmoothFunction(*(np.pad(part, (0, max(0, knots - part.size)), "edge")[:knots] for part in profile))
+    return np.ascontiguousarray(np.pad(profile, ((0, 0), (0, max(0, knots - profile.shape[1]))), "edge")[:, :knots])
 
 
 @compiled

@@ -245,23 +245,11 @@ class MovingAuthority:
         return {"end_of_authority": repr(self._end_at(now)), **self.receiver.diagnostics(now)}
 
 
-class AuthorityAhead:
-    """End of authority behind the train ahead as the law sees it, by a receiving end of the controller.
-
-    Parameters
-    ----------
-    setup
-        Prepared run with ``leader.authority``.
-
-    Attributes
-    ----------
-    receiver : ReportReceiver
-        Receiving end of the controller.
-    """
+class AuthorityAhead(MovingAuthority):
+    """End of authority behind the train ahead as the law sees it, by a receiving end of the controller."""
 
     def __init__(self, setup: RunSetup) -> None:
-        self._moving = MovingAuthority(setup, setup.supervisor().track, "controller")
-        self.receiver = self._moving.receiver
+        super().__init__(setup, setup.supervisor().track, "controller")
         self._half = setup.consist.vehicles[0].length / 2.0
         self._spacing = setup.scenario.plant.odometry.balise_spacing
 
@@ -282,7 +270,6 @@ class AuthorityAhead:
         speeds : Array, shape (h,)
             Speeds [m/s], 0 from the end on.
         """
-        _, targets, arcs = self._moving.move(now)
-        end = self._moving.end
-        error = 0.0 if end == float("inf") else odometer_error(end % self._spacing)
-        return end - error - self._half, speeds_to_end(targets, arcs, places + self._half, self._spacing)
+        _, targets, arcs = self.move(now)
+        error = 0.0 if self.end == float("inf") else odometer_error(self.end % self._spacing)
+        return self.end - error - self._half, speeds_to_end(targets, arcs, places + self._half, self._spacing)
