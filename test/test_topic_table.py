@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,9 +11,9 @@ import train_ato
 from msgs_docs.generate.topic_page import examples, page
 from plant_sim.states import described
 from train_ato.log.run_folder import RunFolder
-from train_ato.loop import engine
+from train_ato.loop import engine, stages
 from train_ato.loop.plant import PlantStage
-from train_ato.loop.stage_messages import PlantMessages
+from train_ato.loop.stage_messages import PlantMessages, on
 from train_ato.messages.codec import Wire
 from train_ato.messages.topic import AIR_BRAKE, Condition, Owner, Place, Role, Topic, TrainLayout, joint_states
 from train_ato.messages.topics import BY_NAME, TOPICS, topics_of
@@ -54,10 +53,8 @@ CABIN = Topic(
 class WarmMessages(PlantMessages):
     """Messages of a plant with motors and a cabin."""
 
-    motors: Motors
-    cabin: Cabin
-
-    order: ClassVar[dict[str, str]] = {"motors": MOTORS.name, "cabin": CABIN.name, **PlantMessages.order}
+    motors: Motors = field(metadata=on(MOTORS.name))
+    cabin: Cabin = field(metadata=on(CABIN.name))
 
 
 class WarmPlant(PlantStage):
@@ -82,7 +79,7 @@ def table(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("table")
 def test_a_new_topic_is_recorded_and_opens_as_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if codec, engine, log or tables have a list of topics of their own."""
-    monkeypatch.setattr(engine, "PlantStage", WarmPlant)
+    monkeypatch.setattr(stages, "PlantStage", WarmPlant)
     setup = setup_of("demo", "duration=5")
     folder = RunFolder.make(tmp_path / "run", "warm")
     with folder.sink(setup) as sink:

@@ -20,7 +20,7 @@ from train_ato.judge.recording import TRUTH, Recording
 from train_ato.judge.verdict import unmet_requirements
 from train_ato.log.run_folder import RunFolder, summary_text
 from train_ato.log.whole_file import write_whole
-from train_ato.loop.headway import following_weight, product, smooth_step
+from train_ato.loop.headway import following_weight, smooth_product, smooth_step
 from train_ato.loop.train_ahead import reporter_of
 from train_ato.program.display_units import stored_units
 from train_ato.program.errors import RunFailed
@@ -123,7 +123,7 @@ def _check_headway(setup: RunSetup) -> None:
         return
     place = setup.leader_reports[0].front - setup.consist.vehicles[0].length / 2.0
     beyond = own.at(spec.headway)[0] - place
-    fading = product(smooth_step(own.time - own.time[1], spec.smoothing), following_weight(own, spec))
+    fading = smooth_product(smooth_step(own.time - own.time[1], spec.smoothing), following_weight(own, spec))
     if beyond <= 0.0 or (own.velocity - beyond * fading[1]).min() >= -MAX_BACKWARDS:
         return
     there = float(own.time[np.searchsorted(own.position, place)])

@@ -367,7 +367,7 @@ class ControllerStage:
                 self.takeover = None if self.takeover.ended else self.takeover
         self.step_times.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
-        return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)
+        return ControllerMessages(pipe, report, self.diagnostic(stamp), Command(stamp, force))
 
     def force_parts(self, command: Command) -> ForceParts | None:
         """Return the parts of the last command; None if the law has not made it."""

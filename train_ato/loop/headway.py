@@ -54,7 +54,7 @@ SmoothFunction = Array
 """A function of time with its first two derivatives at the knots of a profile: value, rate and curvature in rows."""
 
 
-def product(one: SmoothFunction, other: SmoothFunction) -> SmoothFunction:
+def smooth_product(one: SmoothFunction, other: SmoothFunction) -> SmoothFunction:
     """Return the product of two functions."""
     value = one[0] * other[0]
     rate = one[1] * other[0] + one[0] * other[1]
@@ -90,7 +90,7 @@ def stop_weight(profile: Profile, duration: float) -> SmoothFunction:
     after = np.minimum.accumulate(np.where(at_rest, places, 10**9)[::-1])[::-1]
     since = smooth_step(np.asarray((places - before) * profile.period, dtype=np.float64), duration)
     until = smooth_step(np.asarray((after - places) * profile.period, dtype=np.float64), duration)
-    return product(since, reverse(until))
+    return smooth_product(since, reverse(until))
 
 
 def following_weight(profile: Profile, spec: LeaderSpec) -> SmoothFunction:
@@ -105,7 +105,7 @@ def fading_until(times: Array, weight: SmoothFunction, spec: LeaderSpec) -> Smoo
     """Return a weight at times [s] that fades to 0 at the time ``until``."""
     if spec.until is None:
         return weight
-    return product(weight, reverse(smooth_step(spec.until - times, spec.smoothing)))
+    return smooth_product(weight, reverse(smooth_step(spec.until - times, spec.smoothing)))
 
 
 def averaging_kernel(half: int, period: float) -> SmoothFunction:
@@ -276,7 +276,7 @@ class HeadwayProfile:
         profile, weight = self._delayed.at(self._time)
         deviation = np.zeros((3, self._time.size))
         deviation[:, first:] = self._averaged(first)
-        wanted = profile + product(deviation, fading_until(self._time, weight, self._spec))
+        wanted = profile + smooth_product(deviation, fading_until(self._time, weight, self._spec))
         self._present = self._joined(first, wanted)
         kept = slice(max(0, first - round(KEPT_TIME / own.period)), None)
         return Profile(self._time[kept], *self._present[:, kept])
@@ -309,7 +309,7 @@ class HeadwayProfile:
     def _changed(self, profile: SmoothFunction, first: int, wanted: SmoothFunction) -> SmoothFunction:
         """Return a profile that is the wanted one from one smoothing time after a knot on."""
         step = smooth_step(self._time - self._time[first], self._smoothing)
-        return profile + product(step, wanted - profile)
+        return profile + smooth_product(step, wanted - profile)
 
     def _permitted(self, profile: SmoothFunction, first: int) -> bool:
         """Return True if a profile from a knot on is in its limits after missing reports or at the start."""

@@ -90,7 +90,7 @@ class ObserverStage:
             estimate = DisturbanceEstimate(stamp, self._none)
         else:
             estimate = self.step(stamp, given) if answer is None else fault.unless_raised(answer)
-        return ObserverMessages(estimate, self.diagnostic(stamp) if self.inputs.report_due(stamp) else None)
+        return ObserverMessages(self.diagnostic(stamp) if self.inputs.report_due(stamp) else None, estimate)
 
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the observer at a stamp [ns]."""

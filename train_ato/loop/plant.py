@@ -250,7 +250,7 @@ class PlantStage:
         truth = self._truth(stamp, seen, self.diagnostic(taken) if reported else None)
         report = None if self.reports is None or odometry is None else self.reports.message(odometry)
         ahead = None if self.radio is None or odometry is None else self.radio.newest(stamp)
-        return PlantMessages(*truth, seen.measurement, odometry, protection, report, ahead)
+        return PlantMessages(*truth, report, ahead, odometry, protection, seen.measurement)
 
     def request(self, intervention: interventions.Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.

@@ -113,11 +113,9 @@ class ProfileStage:
                 self._counts = self._replanner.replans, self._replanner.refusals
             if decision.profile is not None:
                 self.profile, self.planned = decision.profile, stamp
-        return ProfileMessages(
-            Reference(stamp, *self.profile.at(stamp * 1e-9)[:3], self.planned),
-            trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
-            self.diagnostic(stamp) if self.inputs.report_due(stamp) or decided else None,
-        )
+        diagnostics = self.diagnostic(stamp) if self.inputs.report_due(stamp) or decided else None
+        sent = trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None
+        return ProfileMessages(diagnostics, sent, Reference(stamp, *self.profile.at(stamp * 1e-9)[:3], self.planned))
 
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""

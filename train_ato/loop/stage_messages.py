@@ -1,7 +1,8 @@
 """Messages of the stages of the loop, by name and in the order of publication."""
 
-from dataclasses import fields, replace
-from typing import Any, ClassVar
+from dataclasses import field, fields, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -16,34 +17,38 @@ Published = list[tuple[str, Any]]
 """Topic names and messages in the order of publication."""
 
 
+def on(topic: str) -> dict[str, str]:
+    """Return the metadata of a field of :class:`StageMessages` with the topic of its message."""
+    return {"topic": topic}
+
+
+@cache
+def _topics(kind: Any) -> list[tuple[str, str]]:
+    return [(entry.name, entry.metadata["topic"]) for entry in fields(kind)]
+
+
 class StageMessages:
-    """Messages of a stage; None for those that a step does not send."""
+    """Messages of a stage in the order of publication; None for those that a step does not send."""
 
     __slots__ = ()
-    order: ClassVar[dict[str, str]]
-    """Topic by field, in the order of publication."""
 
     def published(self) -> Published:
         """Return the messages in the order of publication."""
-        return [(topic, sent) for name, topic in self.order.items() if (sent := getattr(self, name)) is not None]
+        kind: Any = type(self)
+        return [(topic, sent) for name, topic in _topics(kind) if (sent := getattr(self, name)) is not None]
 
 
 @frozen_message
 class PlantTruth(StageMessages):
     """True state of the train at a stamp."""
 
-    clock: msg.Tick
-    vehicles: msg.VehicleStates
-    brake_pipe: msg.Pipe | None
-    brake_pipe_tail: msg.Pipe | None
-    brake_shoes: msg.BrakeShoes | None
-    disturbance: msg.Disturbance | None
-    diagnostics: msg.Diagnostic | None
-    order: ClassVar[dict[str, str]] = {
-        "clock": "/clock", "vehicles": "train/vehicles", "brake_pipe": "train/brake_pipe",
-        "brake_pipe_tail": "train/brake_pipe_tail", "brake_shoes": "train/brake_shoes",
-        "disturbance": "train/disturbance", "diagnostics": "/diagnostics",
-    }  # fmt: skip
+    clock: msg.Tick = field(metadata=on("/clock"))
+    vehicles: msg.VehicleStates = field(metadata=on("train/vehicles"))
+    brake_pipe: msg.Pipe | None = field(metadata=on("train/brake_pipe"))
+    brake_pipe_tail: msg.Pipe | None = field(metadata=on("train/brake_pipe_tail"))
+    brake_shoes: msg.BrakeShoes | None = field(metadata=on("train/brake_shoes"))
+    disturbance: msg.Disturbance | None = field(metadata=on("train/disturbance"))
+    diagnostics: msg.Diagnostic | None = field(metadata=on("/diagnostics"))
 
 
 @frozen_message
@@ -53,57 +58,45 @@ class PlantMessages(PlantTruth):
     The measurement is last, because it starts the step.
     """
 
-    measurement: msg.Measurement
-    odometry: msg.Odometry | None = None
-    protection: msg.ProtectionState | None = None
-    report: msg.TrainAhead | None = None
-    ahead: msg.TrainAhead | None = None
-    order: ClassVar[dict[str, str]] = {
-        **PlantTruth.order, "report": REPORT, "ahead": AHEAD, "odometry": "train/odometry",
-        "protection": "train/protection", "measurement": "train/measurement",
-    }  # fmt: skip
+    report: msg.TrainAhead | None = field(metadata=on(REPORT))
+    ahead: msg.TrainAhead | None = field(metadata=on(AHEAD))
+    odometry: msg.Odometry | None = field(metadata=on("train/odometry"))
+    protection: msg.ProtectionState | None = field(metadata=on("train/protection"))
+    measurement: msg.Measurement = field(metadata=on("train/measurement"))
 
 
 @frozen_message
 class SupervisorMessages(StageMessages):
     """Decision of the supervisor; the release is last, because it ends the step."""
 
-    release: msg.BrakeRelease
-    speeds: msg.SupervisedSpeeds
-    diagnostics: msg.Diagnostic | None = None
-    order: ClassVar[dict[str, str]] = {
-        "speeds": "atp/speeds", "diagnostics": "/diagnostics", "release": "atp/brake_release"
-    }  # fmt: skip
+    speeds: msg.SupervisedSpeeds = field(metadata=on("atp/speeds"))
+    diagnostics: msg.Diagnostic | None = field(metadata=on("/diagnostics"))
+    release: msg.BrakeRelease = field(metadata=on("atp/brake_release"))
 
 
 @frozen_message
 class ProfileStart(StageMessages):
     """Profile and speed limits at the start of a run, latched."""
 
-    profile: msg.Trajectory
-    limits: msg.Trajectory
-    order: ClassVar[dict[str, str]] = {"profile": "ato/profile", "limits": "ato/limits"}
+    profile: msg.Trajectory = field(metadata=on("ato/profile"))
+    limits: msg.Trajectory = field(metadata=on("ato/limits"))
 
 
 @frozen_message
 class ProfileMessages(StageMessages):
     """Reference of a stamp, after the new profile of a re-planning."""
 
-    reference: msg.Reference
-    profile: msg.Trajectory | None = None
-    diagnostics: msg.Diagnostic | None = None
-    order: ClassVar[dict[str, str]] = {
-        "diagnostics": "/diagnostics", "profile": "ato/profile", "reference": "ato/reference"
-    }  # fmt: skip
+    diagnostics: msg.Diagnostic | None = field(metadata=on("/diagnostics"))
+    profile: msg.Trajectory | None = field(metadata=on("ato/profile"))
+    reference: msg.Reference = field(metadata=on("ato/reference"))
 
 
 @frozen_message
 class ObserverMessages(StageMessages):
     """Disturbance estimate of a stamp."""
 
-    estimate: msg.DisturbanceEstimate
-    diagnostics: msg.Diagnostic | None = None
-    order: ClassVar[dict[str, str]] = {"diagnostics": "/diagnostics", "estimate": "ato/estimate"}
+    diagnostics: msg.Diagnostic | None = field(metadata=on("/diagnostics"))
+    estimate: msg.DisturbanceEstimate = field(metadata=on("ato/estimate"))
 
 
 @frozen_message
@@ -113,16 +106,10 @@ class ControllerMessages(StageMessages):
     The command is last, because it ends the step.
     """
 
-    command: msg.Command
-    brake_pipe_command: msg.Pipe | None = None
-    diagnostics: msg.Diagnostic | None = None
-    state: msg.AtoReport | None = None
-    order: ClassVar[dict[str, str]] = {
-        "brake_pipe_command": "ato/brake_pipe_command",
-        "state": "ato/state",
-        "diagnostics": "/diagnostics",
-        "command": "ato/command",
-    }
+    brake_pipe_command: msg.Pipe | None = field(metadata=on("ato/brake_pipe_command"))
+    state: msg.AtoReport | None = field(metadata=on("ato/state"))
+    diagnostics: msg.Diagnostic | None = field(metadata=on("/diagnostics"))
+    command: msg.Command = field(metadata=on("ato/command"))
 
 
 def without_values(measurement: msg.Measurement) -> msg.Measurement:

@@ -61,13 +61,9 @@ class SupervisorStage:
         self.count = stamp // self._period_ns if self.count is None else self.count + 1
         alive, foremost = float(self.count), own.front + own.position_error
         return SupervisorMessages(
-            BrakeRelease(stamp, np.array(decision.released, dtype=np.float64), np.array([alive, alive, alive])),
-            SupervisedSpeeds(
-                stamp,
-                np.array([own.front, foremost, foremost, foremost, foremost]),
-                np.array([own.speed, *decision.speeds]),
-            ),
+            SupervisedSpeeds(stamp, np.array([own.front, *[foremost] * 4]), np.array([own.speed, *decision.speeds])),
             self.diagnostic(stamp, decision) if reported else None,
+            BrakeRelease(stamp, np.array(decision.released, dtype=np.float64), np.array([alive, alive, alive])),
         )
 
     def diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
