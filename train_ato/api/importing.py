@@ -11,12 +11,12 @@ import numpy as np
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import ENDING, Line, line_for
 from train_ato.api.import_csv.columns import MAX_GAP
-from train_ato.api.import_csv.layout import RecorderLayout, add_notch_force, load_layout
+from train_ato.api.import_csv.layout import NO_LAYOUT, load_layout
 from train_ato.api.import_csv.recording import Measured, MeasuredCheck, place_notes
 from train_ato.api.import_csv.run import measured_result, measured_setup, series_of, write_messages
-from train_ato.api.import_csv.samples import sort_rows
+from train_ato.api.import_csv.samples import add_notch_force, sort_rows
 from train_ato.api.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
-from train_ato.api.import_csv.table import CsvTable, read_table, titles_of
+from train_ato.api.import_csv.table import read_table
 from train_ato.api.progress import activity, progress_bar
 from train_ato.api.run import Run
 from train_ato.judge.result import Progress
@@ -155,10 +155,10 @@ def read_recorder(
     if not consist.power_units:
         option = "--train" if dash else "train"
         raise ValueError(f"{option} {train}: has no power unit; name the measured train")
-    kind = None if layout is None else load_layout(str(layout))
+    kind = NO_LAYOUT if layout is None else load_layout(str(layout))
     with activity(f"reading {csv}"):
-        table = _table(Path(csv), kind, dict(rename or {}), frozenset(ignore))
-    notes = [sort_rows(table) if sort or (kind is not None and kind.sort) else "", add_notch_force(table, consist)]
+        table = read_table(Path(csv), dict(rename or {}), frozenset(ignore), kind)
+    notes = [sort_rows(table) if sort or kind.sort else "", add_notch_force(table, consist)]
     half = consist.vehicles[0].length / 2
     against = str(line).endswith(ENDING)
     found = MeasuredCheck(table, consist, on, against=against, largest_gap=largest_gap).run()
@@ -174,15 +174,6 @@ def read_recorder(
         raise ValueError(f"{csv}: {error}") from None
     setup = measured_setup(found, profile, str(train), str(line), name or run_name(Path(csv)))
     return MeasuredRun(setup, found, window)
-
-
-def _table(path: Path, kind: RecorderLayout | None, rename: dict[str, str], ignore: frozenset[str]) -> CsvTable:
-    """Return the rows of a file; a layout names the columns that the options do not."""
-    if kind is None:
-        return read_table(path, rename, ignore)
-    titles = set(titles_of(path, kind.rules()))
-    named = {title: name for title, name in kind.renames().items() if title in titles - ignore}
-    return read_table(path, named | rename, ignore | ((titles & {*kind.ignore}) - {*rename}), kind.rules())
 
 
 def _check_numbers(

@@ -92,11 +92,11 @@ def finish(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Read, check and write a measured run."""
-    from train_ato.api.import_csv.table import FileRules, titles_of
+    from train_ato.api.import_csv.table import titles_of
     from train_ato.api.importing import read_recorder
 
     if missing := [f"--{key}" for key in ("train", "line") if getattr(options, key) is None]:
-        if len(titles_of(options.csv, FileRules())) < 2 and options.layout is None:  # refused first
+        if len(titles_of(options.csv)) < 2 and options.layout is None:  # refused first
             raise ValueError(f"{options.csv}: no table: its first line has one column; give the file of a recorder")
         raise ValueError(f"{' and '.join(missing)}: missing; give the measured train and its line, a name or a file")
     measured = read_recorder(

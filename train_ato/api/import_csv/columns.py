@@ -149,3 +149,10 @@ def plainly(name: str) -> str:
         name.strip().lower().replace("km/h", "kmh").replace("kph", "kmh").replace("m/s²", "m_s2").replace("m/s", "m_s")
     )
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
+
+
+def plain_notch(text: str) -> str:
+    """Return the text of a notch; a number without its decimals: ``8.0`` is ``8``."""
+    plain = text.strip().upper().replace(",", ".")
+    whole, point, part = plain.partition(".")
+    return whole if point and not part.strip("0") else plain

@@ -10,19 +10,13 @@ from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from plant_sim.consist import Consist
-from plant_sim.elementary import plain_sum
 from plant_sim.input_error import build_model, close_match
 from plant_sim.library import read_yaml
 from plant_sim.si_model import SiModel, Source, Summary
-from plant_sim.traction import Envelope
-from train_ato.api.import_csv.columns import LAYOUTS, NOTCH, Column, column_of, layout_names, spellings
-from train_ato.api.import_csv.table import CsvTable, FileRules, plain_notch
+from train_ato.api.import_csv.columns import LAYOUTS, NOTCH, column_of, layout_names, plain_notch, spellings
 
-FORCES = ("force", "traction_force", "brake_force")
 Share = Annotated[float, Field(ge=-1, le=1)]
 
 
@@ -81,10 +75,14 @@ class RecorderLayout(SiModel):
         """Return the name of every column of the layout by its title."""
         return {**self.columns, **dict.fromkeys(self.notches, NOTCH)}
 
-    def rules(self) -> FileRules:
-        """Return the rules for the file itself."""
-        shares = {title: {plain_notch(key): part for key, part in rows.items()} for title, rows in self.notches.items()}
-        return FileRules(self.skip_lines, self.separator, self.date, shares, self.gauge, self.ignore_others)
+    @property
+    def shares(self) -> dict[str, dict[str, float]]:
+        """Share of the largest force by the plain text of a notch, by title."""
+        return {title: {plain_notch(key): part for key, part in rows.items()} for title, rows in self.notches.items()}
+
+
+NO_LAYOUT = RecorderLayout.model_validate({"schema": "train_ato/recorder/1", "name": "none"})
+"""Layout of a file with the names of train_ato."""
 
 
 def load_layout(name: str) -> RecorderLayout:
@@ -97,43 +95,3 @@ def load_layout(name: str) -> RecorderLayout:
             f"{close_match(name, known)}"
         )
     return build_model(RecorderLayout, read_yaml(path), str(path))
-
-
-def add_notch_force(table: CsvTable, consist: Consist) -> str:
-    """Replace the notches of a file by their force; return a note, "" without notches.
-
-    Notches beside a demand, and without a speed of the train, are refused.
-    """
-    notches = [column for column in table.columns.values() if column.quantity == NOTCH]
-    if not notches:
-        return ""
-    title = notches[0].title
-    speed, given = table.find("speed") or table.find("speed", 0), table.find("command_force")
-    if given is not None:
-        raise ValueError(f"{table.path}: '{title}' and '{given.title}' are both the demand; --ignore one")
-    if speed is None:
-        raise ValueError(f"{table.path}: '{title}' has its force at the speed; name the speed of the train speed_kmh")
-    units = [consist.vehicles[unit] for unit in consist.power_units]
-    traction = [Envelope(unit.traction) for unit in units]
-    brake = [Envelope(unit.electric_brake or unit.brake) for unit in units]
-    both = int(np.count_nonzero(np.count_nonzero([table.values[entry.title] for entry in notches], axis=0) > 1))
-    share = sum((table.values[column.title] for column in notches), np.zeros(table.lines.size))
-    rows = np.arange(table.lines.size)
-    known = ~np.isnan(table.values[speed.title])
-    moving = np.abs(np.interp(rows, rows[known], table.values[speed.title][known])) if known.any() else rows * 0.0
-    force = np.array(
-        [
-            part * plain_sum(envelope.force(v) for envelope in (traction if part > 0 else brake)) if part else part
-            for part, v in zip(share.tolist(), moving.tolist(), strict=True)
-        ]
-    )
-    for column in notches:
-        del table.columns[column.title], table.values[column.title]
-    measured = any(column.quantity in FORCES for column in table.columns.values())
-    for quantity in ("command_force",) if measured else ("command_force", "force"):
-        name = f"{title} as {quantity}"
-        table.columns[name], table.values[name] = Column(name, quantity, 1.0), force
-        table.decimals[name] = -1
-    use = "the demand" if measured else "the demand and, without a measured force in the file, the force"
-    twice = f"; in {both} rows the shares of two handles add" if both else ""
-    return f"{title}: share of the largest force at the speed; it is {use}{twice}"

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.consist import Consist
+from plant_sim.elementary import plain_sum
+from plant_sim.traction import Envelope
 from plant_sim.units import number_text
-from train_ato.api.import_csv.columns import TIMESTAMP, Column
+from train_ato.api.import_csv.columns import NOTCH, TIMESTAMP, Column
 from train_ato.api.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
@@ -49,6 +52,49 @@ def sort_rows(table: CsvTable) -> str:
     parts = [f"{moved} rows sorted by time"] if moved else []
     parts += [f"{order.size - kept.size} repeated rows removed"] if kept.size < order.size else []
     return ", ".join(parts)
+
+
+FORCES = ("force", "traction_force", "brake_force")
+
+
+def add_notch_force(table: CsvTable, consist: Consist) -> str:
+    """Replace the notches of a file by their force; return a note, "" without notches.
+
+    Notches beside a demand, and without a speed of the train, are refused.
+    """
+    notches = [column for column in table.columns.values() if column.quantity == NOTCH]
+    if not notches:
+        return ""
+    title = notches[0].title
+    speed, given = table.find("speed") or table.find("speed", 0), table.find("command_force")
+    if given is not None:
+        raise ValueError(f"{table.path}: '{title}' and '{given.title}' are both the demand; --ignore one")
+    if speed is None:
+        raise ValueError(f"{table.path}: '{title}' has its force at the speed; name the speed of the train speed_kmh")
+    units = [consist.vehicles[unit] for unit in consist.power_units]
+    traction = [Envelope(unit.traction) for unit in units]
+    brake = [Envelope(unit.electric_brake or unit.brake) for unit in units]
+    both = int(np.count_nonzero(np.count_nonzero([table.values[entry.title] for entry in notches], axis=0) > 1))
+    share = sum((table.values[column.title] for column in notches), np.zeros(table.lines.size))
+    rows = np.arange(table.lines.size)
+    known = ~np.isnan(table.values[speed.title])
+    moving = np.abs(np.interp(rows, rows[known], table.values[speed.title][known])) if known.any() else rows * 0.0
+    force = np.array(
+        [
+            part * plain_sum(envelope.force(v) for envelope in (traction if part > 0 else brake)) if part else part
+            for part, v in zip(share.tolist(), moving.tolist(), strict=True)
+        ]
+    )
+    for column in notches:
+        del table.columns[column.title], table.values[column.title]
+    measured = any(column.quantity in FORCES for column in table.columns.values())
+    for quantity in ("command_force",) if measured else ("command_force", "force"):
+        name = f"{title} as {quantity}"
+        table.columns[name], table.values[name] = Column(name, quantity, 1.0), force
+        table.decimals[name] = -1
+    use = "the demand" if measured else "the demand and, without a measured force in the file, the force"
+    twice = f"; in {both} rows the shares of two handles add" if both else ""
+    return f"{title}: share of the largest force at the speed; it is {use}{twice}"
 
 
 def _more(places: NDArray[np.intp]) -> str:
@@ -102,10 +148,7 @@ class Rows:
         if wrong.size:
             row = int(wrong[0]) + 1
             order = "the same time as" if steps[row - 1] == 0 else f"{number_text(-steps[row - 1])} s before"
-            same = all(
-                values[row] == values[row - 1] or (np.isnan(values[row]) and np.isnan(values[row - 1]))
-                for values in table.values.values()
-            )
+            same = all(np.array_equal(v[row], v[row - 1], equal_nan=True) for v in table.values.values())
             remedy = "sort the rows by time, or give --sort"
             if column.quantity == TIMESTAMP and abs(steps[row - 1] + HOUR) <= self._largest_gap:
                 remedy = f"the clock was set back by an hour: {ZONE}"

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from plant_sim.chainage import parse_post
 from plant_sim.formats.fields import decoded
 from plant_sim.input_error import InputFaults
-from train_ato.api.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plainly
+from train_ato.api.import_csv.columns import NOTCH, QUANTITIES, TIMESTAMP, Column, column_of, plain_notch, plainly
+from train_ato.api.import_csv.layout import NO_LAYOUT, RecorderLayout
 from train_ato.messages.types import Array
 
 SYMBOLS: dict[str, tuple[str, ...]] = {
@@ -266,31 +267,9 @@ AIR = 101_325.0
 """Pressure of the air [Pa], for gauge pressures."""
 
 
-@dataclass(frozen=True)
-class FileRules:
-    """Rules of a layout for the file itself; the defaults are those without a layout.
-
-    Attributes
-    ----------
-    skip_lines, separator
-        Lines above the titles, and mark between the columns; "": found in the file.
-    date
-        Title of the date of a column that is ``timestamp``.
-    shares : dict
-        Share of the largest force by the text of a notch, by title.
-    gauge, ignore_others
-        True for pressures above that of the air, and to pass over unknown titles.
-    """
-
-    skip_lines: int = 0
-    separator: str = ""
-    date: str = ""
-    shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    gauge: bool = False
-    ignore_others: bool = False
-
-
-def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules: FileRules = FileRules()) -> CsvTable:
+def read_table(
+    path: Path, rename: dict[str, str], ignore: frozenset[str], layout: RecorderLayout = NO_LAYOUT
+) -> CsvTable:
     """Read a recorder's file.
 
     The column names are in the first line that is not empty and does not begin with ``#``. Semicolons, tabs or commas
@@ -305,8 +284,8 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules
         Names of columns by their titles in the file.
     ignore
         Titles of ignored columns.
-    rules
-        Rules of a layout.
+    layout
+        Layout of the file; it names the columns that the other parameters do not.
 
     Raises
     ------
@@ -314,7 +293,7 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules
         All faults, one line each with the file, the line and the column.
     """
     lines = _lines(path)
-    number, titles, separator = _head(path, lines, rules)
+    number, titles, separator = _head(path, lines, layout)
     table, faults = CsvTable(path), FileFaults(path)
     rows = list(lines)
     if len(titles) == 1 and rows:
@@ -334,31 +313,33 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str], rules
             raise ValueError(f"{path}: line {number}, {error}") from None
         del rows[0]
     first = _cells(rows[0][1], separator) if rows else []
+    given = {title: name for title, name in layout.renames().items() if title in titles and title not in ignore}
+    ignore, rename = ignore | ({*titles} & {*layout.ignore} - {*rename}), given | rename
     names, dates = _with_times(titles, names, [cell.strip() for cell in first], {*rename, *ignore})
-    dates = titles.index(rules.date) if rules.date and rules.date in titles else dates
+    dates = titles.index(layout.date) if layout.date and layout.date in titles else dates
     ignored = ignore | ({titles[dates]} if dates is not None else set())
-    if rules.ignore_others:
+    if layout.ignore_others:
         ignored |= {
             title for title, name in zip(titles, names, strict=True) if not _is_known(rename.get(title) or name)
         }
     kept = _columns(table, titles, names, rename, ignored, lambda text: faults.add(f"line {number}, {text}"))
-    _read_rows(table, kept, rows, separator, len(titles), faults, dates, rules.shares)
+    _read_rows(table, kept, rows, separator, len(titles), faults, dates, layout.shares)
     faults.refuse()
     pressure = table.find("brake_pipe_pressure")
-    if rules.gauge and pressure is not None:
+    if layout.gauge and pressure is not None:
         table.values[pressure.title] += AIR
     return table
 
 
-def _head(path: Path, lines: Iterator[tuple[int, str]], rules: FileRules) -> tuple[int, list[str], str]:
+def _head(path: Path, lines: Iterator[tuple[int, str]], layout: RecorderLayout) -> tuple[int, list[str], str]:
     """Return the number of the line with the titles, the titles, and the mark between the columns."""
-    number, head = next((entry for entry in lines if entry[0] > rules.skip_lines), (0, ""))
+    number, head = next((entry for entry in lines if entry[0] > layout.skip_lines), (0, ""))
     if not number:
         raise ValueError(f"{path}: no column names; give them in the first line, for example time_s,speed_kmh,force_kn")
     declared = _SEPARATOR_LINE.match(head.strip())
     if declared is not None:
         number, head = next(lines, (0, ""))
-    found = rules.separator or next((mark for mark in SEPARATORS if mark in head), ",")
+    found = layout.separator or next((mark for mark in SEPARATORS if mark in head), ",")
     separator = declared[1] if declared else found
     titles = [title.strip() for title in _cells(head, separator)]
     while titles and not titles[-1]:
@@ -366,9 +347,9 @@ def _head(path: Path, lines: Iterator[tuple[int, str]], rules: FileRules) -> tup
     return number, titles, separator
 
 
-def titles_of(path: Path, rules: FileRules) -> list[str]:
-    """Return the titles of the columns of a file."""
-    return _head(path, _lines(path), rules)[1]
+def titles_of(path: Path) -> list[str]:
+    """Return the titles of the columns of a file without a layout."""
+    return _head(path, _lines(path), NO_LAYOUT)[1]
 
 
 def _is_known(name: str) -> bool:
@@ -526,13 +507,6 @@ def _numbers(
             decimals = -1 if exponent else max(decimals, len(plain.partition(".")[2].rstrip("0")))
     table.decimals[column.title] = decimals
     return np.asarray(values * column.factor)
-
-
-def plain_notch(text: str) -> str:
-    """Return the text of a notch; a number without its decimals: ``8.0`` is ``8``."""
-    plain = text.strip().upper().replace(",", ".")
-    whole, point, part = plain.partition(".")
-    return whole if point and not part.strip("0") else plain
 
 
 def _notches(
