@@ -108,7 +108,7 @@ def test_a_fault_from_outside_is_the_fault_of_a_scenario(entry, written):
     metro = partial(setup_of, "xuzhou_metro", "supervision.enabled=true", "duration=45")
     sudden, planned = run_engine(with_planned(metro(), (20 * SECOND, entry))), run_engine(metro(written))
     np.testing.assert_array_equal(last_speeds(sudden), last_speeds(planned))
-    assert sudden.changes.listed()[0]["name"] == entry.do
+    assert sudden.changes.rows()[0]["name"] == entry.do
     assert sudden.failure is None or entry.do not in ("gust", "delay_jump")
     if entry != MessageFreezeNow(topic="atp/brake_release", duration=3.0) and getattr(entry, "what", "") != "brake":
         assert not np.array_equal(last_speeds(sudden), last_speeds(run_engine(metro())))

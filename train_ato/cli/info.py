@@ -60,7 +60,7 @@ def execute(options: argparse.Namespace) -> None:
     if rows:
         summary["requirements"] = rows
     fatigue = fatigue_of(run, options.fatigue)
-    changes = summary.pop("changes", None) or found.changes.listed()
+    changes = summary.pop("changes", None) or found.changes.rows()
     if options.json:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note, **fatigue})
         return

@@ -9,6 +9,7 @@ from outside, and the run can be repeated from it.
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Any
 
 from plant_sim.data_text import parse_json
@@ -133,34 +134,23 @@ class RunChanges:
             entries = interventions.interventions_from_json(message.values[interventions.KEY])
             self.done += [(message.stamp, entry) for entry in entries]
 
-    def rows(self, scenario: Scenario) -> list[dict[str, Any]]:
-        """Return the rows ``changes`` of ``summary.json``: time [s], name, value, planned by the scenario or not."""
-        tick_ns = _tick(scenario)
-        listed = []
+    def rows(self, scenario: Scenario | None = None) -> list[dict[str, Any]]:
+        """Return the rows ``changes`` of ``summary.json``: time [s], name, value, planned by the scenario or not.
+
+        Those of a log without its scenario have no ``planned``.
+        """
+        found: list[tuple[int, str, Any, bool]] = []
         for stamp, changes in self.laws:
             planned: Changes = {}
-            for change in scenario.law_changes:
-                planned |= values_of(change) if effective_stamp(change, tick_ns) == stamp else {}
-            for name, value in changes.items():
-                in_scenario = name in planned and planned[name] == value
-                listed.append({"at_s": stamp / SECOND, "name": name, "value": value, "planned": in_scenario})
-        for stamp, entry, in_scenario in self._matched(scenario)[0]:
-            values = entry.model_dump(exclude={"at", "do"})
-            listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": in_scenario})
-        for stamp, request, in_scenario in self._matched_requests(scenario)[0]:
-            row = {"at_s": stamp / SECOND, "name": interventions.REQUEST_KEY, "value": request, "planned": in_scenario}
-            listed.append(row)
-        return sorted(listed, key=lambda row: float(row["at_s"]))
-
-    def listed(self) -> list[dict[str, Any]]:
-        """Return the rows without ``planned``, for a log without its scenario: time, name, value."""
-        rows: list[tuple[int, str, Any]] = [
-            (stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()
-        ]
-        rows += [(stamp, interventions.REQUEST_KEY, request) for stamp, request in self.requests]
-        rows += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
-        rows.sort(key=lambda row: row[0])
-        return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in rows]
+            for change in () if scenario is None else scenario.law_changes:
+                planned |= values_of(change) if scenario and effective_stamp(change, _tick(scenario)) == stamp else {}
+            found += [(stamp, name, value, planned.get(name) == value) for name, value in changes.items()]
+        (done, _), (accepted, _) = self._matched(scenario)
+        found += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"}), known) for stamp, entry, known in done]
+        found += [(stamp, interventions.REQUEST_KEY, entry.do, known) for stamp, entry, known in accepted]
+        keys = ("at_s", "name", "value", "planned")[: 3 if scenario is None else 4]
+        found.sort(key=itemgetter(0))
+        return [dict(zip(keys, (stamp / SECOND, *row), strict=False)) for stamp, *row in found]
 
     def begun(self, scenario: Scenario) -> Scenario:
         """Return the scenario with the start parameters of the nodes."""
@@ -185,10 +175,10 @@ class RunChanges:
         changes = [change_at(stamp, {name: value}) for stamp, step in self.laws for name, value in step.items()]
         reached = {requested_stamp(change) for change in changes}
         changes += [change for change in scenario.law_changes if effective_stamp(change, tick_ns) not in reached]
-        done, ahead = self._matched(scenario)
-        acts = [*(planned_for(stamp, entry) for stamp, entry, _ in done), *ahead]
-        accepted, waiting = self._matched_requests(scenario)
-        requests = [*(AtoRequest(at=stamp / SECOND, do=request) for stamp, request, _ in accepted), *waiting]
+        acts, requests = (
+            [*(planned_for(stamp, entry) for stamp, entry, _ in done), *ahead]
+            for done, ahead in self._matched(scenario)
+        )
         update = {
             "law_changes": tuple(sorted(changes, key=lambda change: change.at)),
             "interventions": tuple(sorted(acts, key=lambda act: act.at or 0.0)),
@@ -196,32 +186,30 @@ class RunChanges:
         }
         return scenario.model_copy(update=update)
 
-    def _matched(self, scenario: Scenario) -> tuple[list[tuple[int, Intervention, bool]], list[Intervention]]:
-        """Return the interventions (stamp, entry, planned or not), and the planned ones that did not take place."""
-        ahead, matched = list(scenario.interventions), []
-        tick_ns = _tick(scenario)
-        for stamp, entry in self.done:
-            alike = entry.model_dump(exclude={"at"})
-            due = [plan for plan in ahead if due_stamp(plan, tick_ns) <= stamp]
-            plans = [plan for plan in due if plan.model_dump(exclude={"at"}) == alike]
-            if plans:
-                ahead.remove(plans[0])
-            matched.append((stamp, entry, bool(plans)))
-        return matched, ahead
-
-    def _matched_requests(self, scenario: Scenario) -> tuple[list[tuple[int, Request, bool]], list[AtoRequest]]:
-        """Return the accepted requests (stamp, request, planned or not), and the planned ones that were not accepted.
-
-        An accepted request is the first planned one of its kind that is due.
-        """
+    def _matched(self, scenario: Scenario | None) -> tuple["_Matched", "_Matched"]:
+        """Return the interventions and the requests of the run beside those of the scenario."""
+        requests = [(stamp, AtoRequest(at=stamp / SECOND, do=request)) for stamp, request in self.requests]
+        if scenario is None:
+            return _match(self.done, (), 1), _match(requests, (), 1)
         waiting = sorted(scenario.ato_requests, key=lambda plan: plan.at)
-        matched = []
-        for stamp, request in self.requests:
-            plans = [plan for plan in waiting if plan.do == request and round(plan.at * SECOND) <= stamp]
-            if plans:
-                waiting.remove(plans[0])
-            matched.append((stamp, request, bool(plans)))
-        return matched, waiting
+        return _match(self.done, scenario.interventions, _tick(scenario)), _match(requests, waiting, 1)
+
+
+_Matched = tuple[list[tuple[int, Any, bool]], list[Any]]
+"""Entries that took place (stamp, entry, planned or not), and the planned ones that did not."""
+
+
+def _match(done: Iterable[tuple[int, Any]], planned: Iterable[Any], tick_ns: int) -> _Matched:
+    """Return entries with the planned ones; each is the first planned one with its values that is due."""
+    ahead, found = list(planned), []
+    for stamp, entry in done:
+        alike = entry.model_dump(exclude={"at"})
+        due = (plan for plan in ahead if due_stamp(plan, tick_ns) <= stamp)
+        plan = next((plan for plan in due if plan.model_dump(exclude={"at"}) == alike), None)
+        if plan is not None:
+            ahead.remove(plan)
+        found.append((stamp, entry, plan is not None))
+    return found, ahead
 
 
 _CHOICES = {"controller": ("law", "laws"), "observer": ("observer", "observers")}
