@@ -348,6 +348,11 @@ class Line(SiModel):
         text = f"km {self.begin / 1e3:.3f} ... {self.end / 1e3:.3f}"
         return f"{text}, posts {self.post_at(self.begin)} ... {self.post_at(self.end)}" if self.chainage else text
 
+    def check_place(self, place: float, what: str, remedy: str) -> None:
+        """Refuse a place beyond the line [m]; ``what`` is there."""
+        if not self.begin - 1e-6 <= place <= self.end + 1e-6:
+            raise ValueError(f"{what} lies beyond line '{self.name}' ({self.extent}); {remedy}")
+
     def place_of(self, text: str) -> float:
         """Return the place of a post such as ``12+345`` [m].
 

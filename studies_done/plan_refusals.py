@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ def drivable(line: Line, consist: Consist, settings: PlanSettings) -> bool:
     train = TrainTables(consist, settings.speed_max)
     force, limits, keep = LineForce(line, train), SpeedLimits(line, train.speed_max), 1 - settings.force_margin
     service = (settings.acceleration or np.inf, settings.deceleration or np.inf)
-    for begin, end, _, _ in stops_of(line, settings).sections(settings):
+    for begin, end in pairwise(stops_of(line, settings).places):
         places = np.linspace(begin, end, max(20, int((end - begin) / STEP)))
         step = float(places[1] - places[0])
         grade = (force.at(0.5 * (places[1:] + places[:-1])) / train.inertia).tolist()

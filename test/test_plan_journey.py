@@ -141,7 +141,7 @@ def test_ttobench_journeys_are_read(tmp_path: Path, capsys: pytest.CaptureFixtur
     ("rows", "changes", "message"),
     [
         ([[0, 0, 0, 0, 0], [9, None, 500, 0, 0]], {}, "km 9.000 lies beyond line 'hills'"),
-        (ROWS, {"position": "mile"}, "position = 'mile': must be one of m, km"),
+        (ROWS, {"position": "mile"}, "position = 'mile': must be m or km"),
         ([[0, 0, 0, 0, 0], [3, 170, 150, 0, None], [8, None, 520, 0, 0]], {}, "is after latest"),
         ([[0, 0, 0, 0, 0], [8, None, None, 0, 0]], {}, "no arrival: latest"),
     ],

@@ -13,7 +13,7 @@ from plant_sim.data_text import parse_yaml
 from plant_sim.si_model import SiModel, option
 from plant_sim.units import Place, Speed, Time
 from train_ato.messages.types import Array
-from train_ato.profile.profile import MAX_TIME, Profile, hermite, knot_count
+from train_ato.profile.profile import MAX_TIME, Profile, check_columns, hermite, knot_count
 from train_ato.program.errors import refused_unwritten
 
 SCHEMA = "train_ato/profile/1"
@@ -132,14 +132,7 @@ def _assemble(columns: dict[str, Any], period: float | None) -> Profile:
 
 def _complete(found: dict[str, Array], period: float | None) -> Profile:
     time, speed = found["time"], found["speed"]
-    for name, column in found.items():
-        if column.size != time.size or column.ndim != 1:
-            raise ValueError(f"column '{name}' has {column.size} values, time has {time.size}; make them equal")
-        wrong = np.flatnonzero(~np.isfinite(column))
-        if wrong.size:
-            raise ValueError(f"column '{name}', value {wrong[0] + 1} is {column[wrong[0]]}; give a finite number")
-    if time.size < 2:
-        raise ValueError("fewer than two rows; add rows")
+    check_columns(found)
     falling = np.flatnonzero(np.diff(time) <= 0)
     if falling.size:
         raise ValueError(

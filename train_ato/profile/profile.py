@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,21 +100,20 @@ def stamps_to_seconds(stamps: NDArray[np.int64]) -> Array:
     return np.asarray(stamps * 1e-9, dtype=np.float64)
 
 
-def check_columns(columns: list[Array]) -> None:
-    """Check that times, positions, speeds and accelerations are finite and of equal length.
+def check_columns(columns: Mapping[str, Array]) -> None:
+    """Check that the columns of a profile are finite and of equal length.
 
     Raises
     ------
     ValueError
         With the column, the knot and the value.
     """
-    names = ("time", "position", "velocity", "acceleration")
-    if any(column.ndim != 1 or column.size != columns[0].size for column in columns):
-        sizes = ", ".join(f"{name} {column.size}" for name, column in zip(names, columns, strict=True))
+    if any(column.ndim != 1 or column.size != columns["time"].size for column in columns.values()):
+        sizes = ", ".join(f"{name} {column.size}" for name, column in columns.items())
         raise ValueError(f"columns of a profile differ in length ({sizes}); make them one length")
-    if columns[0].size < 2:
-        raise ValueError(f"a profile of {columns[0].size} knots; give at least two")
-    for name, column in zip(names, columns, strict=True):
+    if columns["time"].size < 2:
+        raise ValueError(f"a profile of {columns['time'].size} knots; give at least two")
+    for name, column in columns.items():
         wrong = np.flatnonzero(~np.isfinite(column))
         if wrong.size:
             raise ValueError(f"{name} of knot {wrong[0]} is {column[wrong[0]]}; give a finite number")
@@ -178,7 +177,7 @@ class Profile:
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
         columns = [np.asarray(column, dtype=np.float64) for column in (time, position, velocity, acceleration)]
-        check_columns(columns)
+        check_columns(dict(zip(("time", "position", "velocity", "acceleration"), columns, strict=True)))
         self.start_ns, self.period_ns = even_grid(columns[0])
         self._count = count = columns[0].size
         self.time = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(count))
@@ -192,7 +191,7 @@ class Profile:
 
     @classmethod
     def uniform(cls, start: float, period: float, position: Array, velocity: Array, acceleration: Array) -> Profile:
-        """Return the profile with knots every ``period`` stamps_to_seconds from ``start`` on."""
+        """Return the profile with knots every ``period`` seconds from ``start`` on."""
         count = np.asarray(position).size
         time = stamps_to_seconds(round(start * 1e9) + round(period * 1e9) * np.arange(count))
         return cls(time, position, velocity, acceleration)

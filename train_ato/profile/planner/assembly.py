@@ -13,7 +13,7 @@ import numpy as np
 from plant_sim.elementary import plain_sum
 from plant_sim.line import Line
 from train_ato.messages.types import Array
-from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs, SectionKnots
+from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs
 from train_ato.profile.planner.jerk_limit import fit_jerk_limit
 from train_ato.profile.planner.line_tables import PlaceLimits
 from train_ato.profile.planner.section import PlanSection, weighted_energy
@@ -149,7 +149,7 @@ def assemble_plan(
     """
     inputs = sections[0].inputs
     start = departures(0, settings.departure or 0.0)
-    knots_of: list[tuple[Array, SectionKnots]] = []
+    knots_of: list[tuple[Array, Array]] = []
     arrivals = [(float(sections[0].begin), start, start)]
     for number, (section, strategy) in enumerate(zip(sections, strategies, strict=True)):
         if number:
@@ -201,7 +201,7 @@ def _means(values: Array) -> Array:
 
 
 def _join_knots(
-    knots_of: list[tuple[Array, SectionKnots]],
+    knots_of: list[tuple[Array, Array]],
     arrivals: list[tuple[float, float, float]],
     inputs: SectionInputs,
     period: float,
@@ -217,7 +217,6 @@ def _join_knots(
     for times, knots in knots_of:
         if times.size:
             first = round(float(times[0]) / period) - origin
-            for row, column in zip(columns, (knots.place, knots.speed, knots.acceleration, knots.force), strict=True):
-                row[first : first + times.size] = column
+            columns[:, first : first + times.size] = knots
     profile = Profile.uniform(period * origin, period, columns[0] - inputs.train.half, columns[1], columns[2])
     return profile, columns[3]

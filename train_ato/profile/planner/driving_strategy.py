@@ -115,13 +115,3 @@ class SectionInputs:
         force = LineForce(line, train, over_length=settings.grade_over_length)
         limits = SpeedLimits(line, train.speed_max)
         return cls(train, force, limits, settings, place_limits(line, consist, train), ceiling)
-
-
-@dataclass(frozen=True, slots=True)
-class SectionKnots:
-    """A section over time: place of the front [m], speed [m/s], acceleration [m/s²], own force [N] (> 0 traction)."""
-
-    place: Array
-    speed: Array
-    acceleration: Array
-    force: Array

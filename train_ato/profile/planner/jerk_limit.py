@@ -11,7 +11,7 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import acceleration_table
-from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionKnots
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy
 from train_ato.profile.planner.section import STEP_FACTOR, PlanSection, acceleration_excess, largest_acceleration_change
 
 MAX_ROUNDS = 25
@@ -149,7 +149,7 @@ def _fit(section: PlanSection, jerk: float, start: float, period: float, strateg
         if max(shortfall, overspeed) <= TOLERANCE:
             return
         if shortfall > TOLERANCE:
-            section.reserve.raise_at(knots.place, knots.speed * (section.window / 2 + period), excess)
+            section.reserve.raise_at(knots[0], knots[1] * (section.window / 2 + period), excess)
         if overspeed > TOLERANCE:
             section.limit_extension *= 1.25
     raise ValueError(
@@ -179,18 +179,18 @@ def _lower_changes(section: PlanSection, history: Array, jerk: float, period: fl
     return bool(excess.any())
 
 
-def _exceedance(section: PlanSection, knots: SectionKnots) -> tuple[Array, float]:
+def _exceedance(section: PlanSection, knots: Array) -> tuple[Array, float]:
     """Return the relative excess of traction and brake force at every knot, shape (2, n), and of the speed."""
-    train, settings = section.inputs.train, section.inputs.settings
-    traction, electric, air = train.forces_at(knots.speed)
-    keep = 1.0 - settings.force_margin
-    driven = (knots.force > 1.0) & (knots.speed > 1e-6)
-    braked = (knots.force < -1.0) & (knots.speed > HOLDING_BRAKE_SPEED)
+    train, keep = section.inputs.train, 1.0 - section.inputs.settings.force_margin
+    place, speed, _, force = knots
+    traction, electric, air = train.forces_at(speed)
+    driven = (force > 1.0) & (speed > 1e-6)
+    braked = (force < -1.0) & (speed > HOLDING_BRAKE_SPEED)
     if section.begin_speed > 0:  # the initial acceleration cannot change at once
-        settled = knots.place > section.grid.begin + section.begin_speed * section.window
+        settled = place > section.grid.begin + section.begin_speed * section.window
         driven, braked = driven & settled, braked & settled
-    up = np.where(driven, knots.force / (keep * traction + 1e-3) - 1.0, 0.0)
-    down = np.where(braked, -knots.force / (keep * (electric + air) + 1e-3) - 1.0, 0.0)
-    limit = section.inputs.limits.at(knots.place, train.length)
-    over = 0.0 if section.accept_overspeed else float(np.max(knots.speed / limit, initial=0.0)) - 1.0
+    up = np.where(driven, force / (keep * traction + 1e-3) - 1.0, 0.0)
+    down = np.where(braked, -force / (keep * (electric + air) + 1e-3) - 1.0, 0.0)
+    limit = section.inputs.limits.at(place, train.length)
+    over = 0.0 if section.accept_overspeed else float(np.max(speed / limit, initial=0.0)) - 1.0
     return np.maximum(np.stack((up, down)), 0.0), over

@@ -64,8 +64,7 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
         Time between the knots of the profile [s].
     """
     for point in points:
-        if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
-            raise ValueError(f"timing point {point.label} lies beyond line '{line.name}' ({line.extent}); move it")
+        line.check_place(point.at, f"timing point {point.label}", "move it")
     window = points[0].departure or TimeWindow()
     time = max(window.earliest or 0.0, inputs.settings.departure or 0.0)
     if window.latest is not None and time > window.latest + time_windows.WINDOW_TOLERANCE:

@@ -93,11 +93,14 @@ class LineForce:
         rows = zip(lengths, train.behind, train.masses * train.gravity, strict=True)
         self._vehicles = [(pieces[length], behind, weight) for length, behind, weight in rows]
 
-    def at(self, front: Array) -> Array:
-        """Return the force at increasing places of the front [N], > 0 against the motion; beyond a step of it."""
+    def at(self, front: Array, back: float = 0.0) -> Array:
+        """Return the force at increasing places of the front [N], > 0 against the motion; beyond a step of it.
+
+        With ``back`` it is that of a train moved back by a distance [m].
+        """
         total = np.zeros(front.size)
         for vehicle in self._vehicles:
-            _add_force(total, front, *vehicle, 0.0)
+            _add_force(total, front, *vehicle, back)
         return total
 
     def work(self, front: Array) -> Array:
@@ -124,13 +127,8 @@ class LineForce:
 
     def over_cells(self, grid: PlaceGrid) -> tuple[Array, Array, Array]:
         """Return minimum, mean and maximum force over every cell [N], shape (cells,) each."""
-        places = grid.places
-        beyond, before = np.zeros(places.size), np.zeros(places.size)
-        for vehicle in self._vehicles:
-            _add_force(beyond, places, *vehicle, 0.0)
-            _add_force(before, places, *vehicle, 1e-9)
-        mean = np.diff(self.work(places)) / grid.steps
-        ends = np.stack((beyond[:-1], before[1:], mean))
+        mean = np.diff(self.work(grid.places)) / grid.steps
+        ends = np.stack((self.at(grid.places)[:-1], self.at(grid.places, 1e-9)[1:], mean))
         return ends.min(axis=0), mean, ends.max(axis=0)
 
 

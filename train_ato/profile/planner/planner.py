@@ -187,8 +187,9 @@ def _planned(line: Line, inputs: SectionInputs, period: float) -> Plan:
 
 def _sections(inputs: SectionInputs, stops: Stops) -> list[PlanSection]:
     """Return the sections between the stops of a plan."""
-    rows = stops.sections(inputs.settings)
-    return [PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in rows]
+    speeds = [inputs.settings.begin_speed, *[0.0] * len(stops.dwells), inputs.settings.end_speed]
+    rows = pairwise(zip(stops.places, speeds, strict=True))
+    return [PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for (begin, v0), (end, v1) in rows]
 
 
 def _note_speeds(speed: float | None, line: Line, train: TrainTables) -> None:

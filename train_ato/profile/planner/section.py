@@ -25,7 +25,7 @@ from train_ato.profile.planner.accelerations import (
     braking_message,
     stall_message,
 )
-from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
 from train_ato.profile.planner.dynamic_programming import CoarseGrid, EnergyWeights, Resolution
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.settings import PlanSettings
@@ -372,8 +372,8 @@ class PlanSection:
         first, last = int(np.ceil(start / period - 1e-9)), int(np.floor(end / period + 1e-9))
         return period * np.arange(first, last + 1, dtype=np.float64), end
 
-    def knots(self, times: Array, start: float, history: Array) -> SectionKnots:
-        """Return the section at increasing times [s]."""
+    def knots(self, times: Array, start: float, history: Array) -> Array:
+        """Return place of the front [m], speed, acceleration and own force [N], > 0 traction, at rising times [s]."""
         place, speed, acceleration = moving_average(history, times - start - self.window / 2, self.window)
         speed = np.maximum(speed, 0.0)
         train, settings = self.inputs.train, self.inputs.settings
@@ -388,7 +388,7 @@ class PlanSection:
             driven = train.inertia * acceleration + resistance > 0  # full traction on a climb slows down
             upper = np.where(acceleration > 0, np.maximum(most, 0.0), np.where(driven, most, np.inf))
             acceleration = np.clip(acceleration, np.minimum(least, 0.0), upper)
-        return SectionKnots(place, speed, acceleration, train.inertia * acceleration + resistance)
+        return np.stack((place, speed, acceleration, train.inertia * acceleration + resistance))
 
     def over_time(self, energy: Array) -> Array:
         """Return v²/2 at the places of the grid [m²/s²] over time, see :func:`time_history`."""

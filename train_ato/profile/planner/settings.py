@@ -201,19 +201,6 @@ class Stops:
     places: tuple[float, ...]
     dwells: tuple[float, ...]
 
-    def sections(self, settings: PlanSettings) -> list[tuple[float, float, float, float]]:
-        """Return begin, end [m] and the speeds at both [m/s] of every section between two stops."""
-        last = len(self.places) - 2
-        return [
-            (
-                self.places[k],
-                self.places[k + 1],
-                settings.begin_speed if k == 0 else 0.0,
-                settings.end_speed if k == last else 0.0,
-            )
-            for k in range(last + 1)
-        ]
-
 
 def stops_of(line: Line, settings: PlanSettings) -> Stops:
     """Return the stops of a plan on a line.
@@ -228,19 +215,12 @@ def stops_of(line: Line, settings: PlanSettings) -> Stops:
     """
     listed = line.stops
     for stop in listed:
-        if not line.begin - 1e-6 <= stop.at <= line.end + 1e-6:
-            raise ValueError(
-                f"stop '{stop.name}' at km {stop.at / 1000:.3f} lies beyond line '{line.name}' ({line.extent}); "
-                "move the stop or lengthen the line"
-            )
+        where = f"stop '{stop.name}' at km {stop.at / 1000:.3f}"
+        line.check_place(stop.at, where, "move the stop or lengthen the line")
     begin = settings.begin if settings.begin is not None else (listed[0].at if len(listed) > 1 else line.begin)
     end = settings.end if settings.end is not None else (listed[-1].at if listed else line.end)
     for name, place in (("begin", begin), ("end", end)):
-        if not line.begin - 1e-6 <= place <= line.end + 1e-6:
-            raise ValueError(
-                f"{name} of the plan at km {place / 1000:.3f} lies beyond line '{line.name}' ({line.extent}); "
-                "choose a place on the line"
-            )
+        line.check_place(place, f"{name} of the plan at km {place / 1000:.3f}", "choose a place on the line")
     if end - begin < 0.1:
         raise ValueError(
             f"the plan from km {line.post_at(begin)} to km {line.post_at(end)} has no length; move its end on"

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from plant_sim.chainage import rows_with_places
-from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, note_lost_keys, read_data
+from plant_sim.formats.fields import Fields, finite_number, keys_not_carried, known_text, note_lost_keys, read_data
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.si_model import SiModel, Source, option
@@ -158,11 +158,8 @@ def read_journey(name: str, line: Line) -> JourneyFile:
             "TTOBench 1.5 JSON); begin a train_ato file with 'schema: train_ato/journey/1'"
         )
     for point in journey.points:
-        if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
-            raise ValueError(
-                f"{name}: timing point {line.with_posts(point.label)} lies beyond line '{line.name}' ({line.extent}); "
-                "give the line of the journey or move the point"
-            )
+        what = f"{name}: timing point {line.with_posts(point.label)}"
+        line.check_place(point.at, what, "give the line of the journey or move the point")
     return journey
 
 
@@ -185,7 +182,7 @@ def _ttobench_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFil
         raise ValueError(f"{name}: metadata: associated track = '{track}': the line is '{line.name}'; give that track")
     fields = top.below("timing points")
     units = fields.below("units")
-    factors = [_unit(units, column, known) for column, known in COLUMNS]
+    factors = [known[known_text(units.text(column), f"{units.place}: {column}", known)] for column, known in COLUMNS]
     rows = fields.rows("values", len(COLUMNS), 2)
     points = []
     for k, row in enumerate(rows):
@@ -199,13 +196,6 @@ def _ttobench_journey(data: dict[str, Any], name: str, line: Line) -> JourneyFil
     source = f"TTOBench journey {metadata.text('id', Path(name).stem)}, BSD-2-Clause"
     plain = {"schema": "train_ato/journey/1", "name": Path(name).stem[:100], "source": source[:500], "points": points}
     return build_model(JourneyFile, plain, name)
-
-
-def _unit(units: Fields, column: str, known: dict[str, float]) -> float:
-    unit = units.text(column)
-    if unit not in known:
-        raise ValueError(f"{units.place}: {column} = '{unit}': must be one of {', '.join(known)}")
-    return known[unit]
 
 
 def _point(at: float, values: list[float | None], *, first: bool, last: bool) -> dict[str, Any]:
