@@ -227,6 +227,18 @@ class Fields:
             found[own] = entry
         return found
 
+    def numbers(self, key: str, low: float, high: float, least: int = 1) -> list[float]:
+        """Return a list of numbers within their range."""
+        values = self.entries(key, least)
+        return [finite_number(value, f"{self.place}: {key}[{k}]", low, high) for k, value in enumerate(values)]
+
+    def table(self, key: str, *ranges: tuple[float, float], least: int = 1) -> list[list[float]]:
+        """Return a list of rows of numbers, each column within its range."""
+        return [
+            [finite_number(value, f"{self.place}: {key}[{k}][{i}]", *ranges[i]) for i, value in enumerate(row)]
+            for k, row in enumerate(self.rows(key, len(ranges), least))
+        ]
+
     def rows(self, key: str, columns: int, least: int = 1) -> list[list[Any]]:
         """Return a list of rows, each with ``columns`` entries."""
         rows = self.entries(key, least)

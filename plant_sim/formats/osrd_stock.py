@@ -17,7 +17,7 @@ import numpy as np
 
 from plant_sim.consist import PLAIN_SUPPLY, Consist, ForcePoints, PlanLimits, SupplyCurve, VehicleType
 from plant_sim.elementary import plain_sum
-from plant_sim.formats.fields import Fields, finite_number, known_text, names_in, print_assumption
+from plant_sim.formats.fields import Fields, known_text, names_in, print_assumption
 from plant_sim.formats.ttobench import BRAKED_GRADE, OVERSPEED, emergency_brake
 from plant_sim.input_error import build_model, close_match
 from plant_sim.traction import Envelope
@@ -131,13 +131,7 @@ def _curves(fields: Fields) -> tuple[list[dict[str, Any]], str]:
 
 def _points(fields: Fields) -> dict[str, list[float]]:
     fields.refuse_unknown("speeds", "max_efforts")
-    speeds, efforts = (
-        [
-            finite_number(value, f"{fields.place}: {key}[{k}]", 0.0, 1e9)
-            for k, value in enumerate(fields.entries(key, 2))
-        ]
-        for key in ("speeds", "max_efforts")
-    )
+    speeds, efforts = (fields.numbers(key, 0.0, 1e9, 2) for key in ("speeds", "max_efforts"))
     if len(speeds) != len(efforts):
         raise ValueError(f"{fields.place}: {len(speeds)} speeds and {len(efforts)} max_efforts; give as many of both")
     for k, (before, after) in enumerate(pairwise(speeds), 1):
@@ -162,8 +156,7 @@ def _etcs_brake(top: Fields) -> dict[str, float] | None:
         return None
     etcs = top.below("etcs_brake_params")
     curve = etcs.below("gamma_emergency")
-    bounds = [finite_number(value, f"{curve.place}: boundaries", 0, 1e3) for value in curve.entries("boundaries", 0)]
-    values = [finite_number(value, f"{curve.place}: values", 1e-3, 10) for value in curve.entries("values")]
+    bounds, values = curve.numbers("boundaries", 0, 1e3, 0), curve.numbers("values", 1e-3, 10)
     if len(values) != len(bounds) + 1:
         raise ValueError(f"{curve.place}: {len(bounds)} boundaries need {len(bounds) + 1} values; correct them")
     if any(after <= before for before, after in pairwise([0.0, *bounds])):

@@ -20,7 +20,7 @@ from plant_sim.formats.fields import known_text, names_in, print_assumption
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, network_line, steps
 from plant_sim.formats.railml2 import read_railml
 from plant_sim.formats.railml_collection import Entry, NetElement, parts_of, read_root
-from plant_sim.formats.railml_location import Location, grades, joined, radii
+from plant_sim.formats.railml_location import Location, grades, joined, measure_of, radii
 from plant_sim.line import Line
 from plant_sim.units import number_text
 
@@ -300,10 +300,8 @@ def _measures(element: Entry, units: dict[str, float]) -> dict[str, list[tuple[f
     measures: dict[str, list[tuple[float, float]]] = {}
     for coordinate in element.below("intrinsicCoordinate"):
         for linear in coordinate.below("linearCoordinate"):
-            system = linear.get("positioningSystemRef")
-            measure = linear.number("measure") * units.get(system, 1.0)
-            spot = (coordinate.number("intrinsicCoord", 0.0, 1.0), measure)
-            measures.setdefault(system, []).append(spot)
+            system, measure = measure_of(linear, units)
+            measures.setdefault(system, []).append((coordinate.number("intrinsicCoord", 0.0, 1.0), measure))
     return {system: sorted(rows) for system, rows in measures.items() if len(rows) > 1}
 
 

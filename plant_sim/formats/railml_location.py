@@ -25,6 +25,12 @@ AT_SPOT = POSITIONS, "intrinsicCoord", "linearCoordinate"
 """Position, intrinsic coordinate and linear coordinate of the begin and the end of a stretch, and of a spot."""
 
 
+def measure_of(coordinate: Entry, units: dict[str, float]) -> tuple[str, float]:
+    """Return linear positioning system and measure [m] of a coordinate."""
+    system = coordinate.get("positioningSystemRef")
+    return system, coordinate.number("measure") * units.get(system, 1.0)
+
+
 class Location:
     """Reader of the locations of an infrastructure.
 
@@ -126,7 +132,9 @@ class Location:
     ) -> list[Stretch]:
         """Return the stretches of the micro level between the ends of a location on a collection; one end is a spot."""
         name, entry = element.name, owner.place
-        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in part.parts(linear)[:1]]
+        measures = [
+            measure_of(coordinate, self._units) for _, _, linear in ends for coordinate in part.parts(linear)[:1]
+        ]
         try:
             if len(measures) == len(ends):
                 found = self._collections.by_measure(name, measures[0][0], measures[0][1], measures[-1][1])
@@ -153,11 +161,6 @@ class Location:
             raise ValueError(f"{owner.place}: netElementRef = '{name[:60]}': not in the topology; correct it")
         return self._elements.get(name)
 
-    def _measure(self, coordinate: Entry) -> tuple[str, float]:
-        """Return linear positioning system and measure [m]."""
-        system = coordinate.get("positioningSystemRef")
-        return system, coordinate.number("measure", -1e9, 1e9) * self._units.get(system, 1.0)
-
     def _at(
         self, part: Entry, element: NetElement, positions: tuple[str, ...], intrinsic: str, linear: str
     ) -> float | None:
@@ -168,7 +171,7 @@ class Location:
         if intrinsic in part:
             return element.length * part.number(intrinsic, 0.0, 1.0)
         for coordinate in part.parts(linear):
-            system, measure = self._measure(coordinate)
+            system, measure = measure_of(coordinate, self._units)
             position = element.position(system, measure)
             if position is None:
                 raise ValueError(
@@ -182,7 +185,7 @@ class Location:
         """Return all micro elements with a measure, for a location on another part of the topology."""
         found = []
         for coordinate in spot.parts("linearCoordinate"):
-            measure = self._measure(coordinate)
+            measure = measure_of(coordinate, self._units)
             for element in self._elements.values():
                 position = None if element.parts else element.position(*measure)
                 if position is not None:

@@ -124,11 +124,7 @@ class _Vehicle:
         if "tractive_effort" not in self.fields:
             return [{"to": self.speed, "force": ADHESION * self.driven * GRAVITY}]
         place = f"{self.fields.place}: tractive_effort"
-        rows = self.fields.rows("tractive_effort", 2)
-        points = [
-            (finite_number(v, f"{place}[{k}][0]", 0, 1e3) / 3.6, finite_number(f, f"{place}[{k}][1]", 0, 1e9))
-            for k, (v, f) in enumerate(rows)
-        ]
+        points = [(v / 3.6, f) for v, f in self.fields.table("tractive_effort", (0, 1e3), (0, 1e9))]
         segments: list[dict[str, float]] = []
         if len(points) == 1 or points[0][0] > 0:
             segments.append({"to": points[0][0] or self.speed, "force": points[0][1]})

@@ -86,8 +86,7 @@ def _unit(fields: Fields, quantity: str, units: dict[str, float]) -> float:
 
 def _stops(fields: Fields) -> list[float]:
     unit = _unit(fields, "position", LENGTHS)
-    values = fields.entries("values", 2)
-    stops = [finite_number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
+    stops = [at * unit for at in fields.numbers("values", -1e8, 1e8, 2)]
     if fault := order_fault(stops):
         raise ValueError(f"{fields.place}: values{fault}")
     return stops
@@ -98,13 +97,11 @@ def _steps(fields: Fields, quantity: str) -> list[tuple[float, float]]:
     units, low, high, least = STEPS[quantity]
     length, unit = _unit(fields, "position", LENGTHS), _unit(fields, quantity, units)
     steps: dict[float, float] = {}
-    for k, (at, value) in enumerate(fields.rows("values", 2, least)):
-        place = f"{fields.place}: values[{k}]"
-        position = finite_number(at, f"{place}[0]", -1e8, 1e8) * length
+    rows = fields.table("values", (-1e8, 1e8), (low, high), least=least)
+    for k, (at, value) in enumerate(rows):
+        place, position, found = f"{fields.place}: values[{k}]", at * length, value * unit
         if steps and position < next(reversed(steps)):
-            places = [finite_number(row[0], fields.place) * length for row in fields.rows("values", 2)]
-            raise ValueError(f"{fields.place}: values{order_fault(places)}")
-        found = finite_number(value, f"{place}[1]", low, high) * unit
+            raise ValueError(f"{fields.place}: values{order_fault([at * length for at, _ in rows])}")
         if steps.get(position, found) != found:
             raise ValueError(f"{place}: two values at {number_text(position)} m; keep one")
         if quantity == "slope" and abs(found) > STEEPEST:
@@ -144,15 +141,11 @@ def _tunnels(top: Fields) -> list[dict[str, float]]:
     fields = top.below("tunnels")
     position, length = (_unit(fields, quantity, LENGTHS) for quantity in ("position", "length"))
     _unit(fields, "cross section", {"m^2": 1.0})
-    found = []
-    for k, row in enumerate(fields.rows("values", 3, 0)):
-        at, extent, section = (
-            finite_number(value, f"{fields.place}: values[{k}][{i}]", 0, 1e8) for i, value in enumerate(row)
-        )
-        if extent > 0:
-            begin = at * position
-            found.append({"begin": begin, "end": begin + extent * length, "cross_section": section})
-    return found
+    return [
+        {"begin": at * position, "end": at * position + extent * length, "cross_section": section}
+        for at, extent, section in fields.table("values", *[(0.0, 1e8)] * 3, least=0)
+        if extent > 0
+    ]
 
 
 def _transition(begin: float, end: float, first: float, last: float) -> list[dict[str, float]]:
@@ -323,27 +316,16 @@ def _tunnel_resistance(top: Fields) -> list[dict[str, float]]:
     if "tunnel resistance" not in top:
         return []
     fields = top.below("tunnel resistance")
-    rows: list[tuple[Any, Any]]
+    ranges = (0.1, 1e4), (0.0, 1e6)
     if fields.one_of("unit", "units") == "units":
-        units = fields.below("units")
-        area, factor = (
-            _unit_factor(units, "cross section", "area"),
-            _unit_factor(units, "coefficient", "force per speed²"),
-        )
-        rows = [(row[0], row[1]) for row in fields.rows("values", 2)]
+        units, keys = fields.below("units"), ("cross section", "coefficient")
+        rows = fields.table("values", *ranges)
     else:
-        area = _unit_factor(fields, "cross section unit", "area")
-        factor = _unit_factor(fields, "unit", "force per speed²")
-        rows = [(entry.required("cross section"), entry.required("value")) for entry in fields.each("values", 1)]
-    found = []
-    for k, (section, coefficient) in enumerate(rows):
-        place = f"{fields.place}: values[{k}]"
-        found.append(
-            {
-                "cross_section": finite_number(section, f"{place}: cross section", 0.1, 1e4) * area,
-                "coefficient": finite_number(coefficient, f"{place}: coefficient", 0.0, 1e6) * factor,
-            }
-        )
+        units, keys, columns = fields, ("cross section unit", "unit"), ("cross section", "value")
+        pairs = [*zip(columns, ranges, strict=True)]
+        rows = [[entry.number(key, None, *known) for key, known in pairs] for entry in fields.each("values", 1)]
+    area, factor = _unit_factor(units, keys[0], "area"), _unit_factor(units, keys[1], "force per speed²")
+    found = [{"cross_section": section * area, "coefficient": value * factor} for section, value in rows]
     return sorted(found, key=lambda entry: entry["cross_section"])
 
 
@@ -361,10 +343,7 @@ def _emergency_brake(top: Fields, pneumatic: float) -> dict[str, float]:
     curve = etcs.below("A_brake_emergency")
     factor = _unit_factor(curve.below("units"), "velocity", "speed")
     unit = _unit_factor(curve.below("units"), "deceleration", "acceleration")
-    rows = []
-    for k, (velocity, deceleration) in enumerate(curve.rows("values", 2)):
-        speed = factor * finite_number(velocity, f"{curve.place}: values[{k}][0]", 0, 1e3)
-        rows.append((speed, unit * finite_number(deceleration, f"{curve.place}: values[{k}][1]", 1e-3, 10)))
+    rows = [(factor * velocity, unit * rate) for velocity, rate in curve.table("values", (0, 1e3), (1e-3, 10))]
     return emergency_brake(rows, _quantity(etcs, "T_be", "time", low=1e-3, high=60.0))
 
 
