@@ -72,11 +72,13 @@ class ChunkThread:
         self._full: OpenChunk | None = None
         self._written = threading.Condition(self.lock)
         self._raised = self._stopped = False
-        self._clock: ChunkClock | None = None
+        self._due = threading.Event()
 
     def start(self) -> None:
         """Start the thread."""
-        self._clock = ChunkClock(self._write_due, CLOSE_AFTER_S)
+        given = weakref.WeakMethod(self._write_due), self._due  # the thread does not keep the log
+        self._thread = threading.Thread(target=_look_repeatedly, args=given, name="chunk clock", daemon=True)
+        self._thread.start()
 
     def extend(self, entries: Iterable[Entry]) -> None:
         """Add messages; OSError if an earlier chunk could not be written."""
@@ -105,8 +107,7 @@ class ChunkThread:
             self._written.wait()
         self.check()
         self._full = self._writer.take_chunk()
-        if self._clock is not None:
-            self._clock.wake()
+        self._due.set()
 
     def flush(self) -> None:
         """Write the open chunk to the file; OSError if writing fails."""
@@ -125,8 +126,8 @@ class ChunkThread:
             If writing fails, or an earlier failure was not raised yet.
         """
         self._stopped = True
-        if self._clock is not None:
-            self._clock.stop()
+        self._due.set()
+        self._thread.join()
         if self.failure is not None:
             if not self._raised:
                 self.check()
@@ -135,13 +136,15 @@ class ChunkThread:
             if chunk is not None:
                 self.guard(functools.partial(self._writer.write_chunk, chunk))
 
-    def _write_due(self) -> float:
-        """Write the full chunk, or the open one at its maximum age; return the time until the next call [s]."""
+    def _write_due(self) -> float | None:
+        """Write the full chunk, or the open one at its age; return the time to the next call [s], None at the end."""
+        if self._stopped:
+            return None
         with self.lock:
             if self._full is None and self._left() <= 0:
                 self._full = self._writer.take_chunk()
             chunk = self._full
-            if self.failure is not None or self._stopped or chunk is None:
+            if self.failure is not None or chunk is None:
                 return self._left()
         try:
             self._writer.write_chunk(chunk)
@@ -190,42 +193,12 @@ class ChunkThread:
         self._raw.close()
 
 
-class ChunkClock:
-    """Thread with repeated calls of the writing method of a log.
-
-    Parameters
-    ----------
-    look
-        Method that writes due chunks and returns the time until the next call [s]. The reference is weak: the thread
-        ends with the log.
-    first
-        Time until the first call [s].
-    """
-
-    def __init__(self, look: Callable[[], float], first: float) -> None:
-        self._look = weakref.WeakMethod(look)
-        self._wait = first
-        self._stopped = False
-        self._due = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="chunk clock", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while True:
-            self._due.wait(self._wait)
-            self._due.clear()
-            look = self._look()
-            if self._stopped or look is None:
-                return
-            self._wait = look()
-            del look
-
-    def wake(self) -> None:
-        """Call the method at once."""
-        self._due.set()
-
-    def stop(self) -> None:
-        """End the thread; the caller must not hold a lock of ``look``."""
-        self._stopped = True
-        self._due.set()
-        self._thread.join()
+def _look_repeatedly(look: "weakref.WeakMethod[Callable[[], float | None]]", due: threading.Event) -> None:
+    """Call the writing method of a log when it is due, until it returns None; the thread ends with the log."""
+    wait: float | None = CLOSE_AFTER_S
+    while wait is not None:
+        due.wait(wait)
+        due.clear()
+        method = look()
+        wait = None if method is None else method()
+        del method  # the log may end while the thread waits
