@@ -111,6 +111,8 @@ class JourneyFollower:
         reference = max(float(np.interp(position, self._place, self._speed)), settings.final_speed)
         error, band = reference - velocity, DEAD_BAND * min(1.0, velocity / DEAD_BAND_SPEED)
         wanted += model.inertia * GAIN * (error - min(max(error, -band), band))
+        if velocity < settings.final_speed:  # a braking by place would end before it, at a speed a little too low
+            wanted = max(wanted, model.resisting_force(position, velocity))
         low, high = model.limits_of_units([velocity] * model.n_units)
         most = 0.0 if braked else settings.traction * float(np.sum(high))
         if settings.traction_max is not None:
@@ -167,12 +169,6 @@ def follow_journey(
             break
         standstill = standstill + PERIOD if velocity < 1e-3 else 0.0
         if standstill > MAX_STANDSTILL:
-            if force <= 0.0:
-                raise ValueError(
-                    f"the train stops at km {position / 1e3:.2f}, {end - position:.0f} m before the last part of its "
-                    f"braking: a trip averages its forces over {SMOOTHING:g} m, and this train brakes in less; plan "
-                    "without --trip"
-                )
             raise ValueError(
                 f"the train stops at km {position / 1e3:.2f}: the grade is too steep; permit more traction"
             )

@@ -32,7 +32,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.profile.driver import nominal_train_model
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.profile import Profile
-from train_ato.profile.trip.driven_run import TripRun, follow_journey, shares_for_run
+from train_ato.profile.trip.driven_run import SMOOTHING, TripRun, follow_journey, shares_for_run
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.plan import JOULES_PER_KWH, TripPlan, coupler_damage
 from train_ato.profile.trip.reduced_train import reduced_train
@@ -166,6 +166,8 @@ def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[floa
     return settings.air_brake.reductions or (brake.reduction[-1],)
 
 
+ALMOST = 0.99
+"""Part of the largest change of the force from which it is the largest one."""
 SHARE_ROUNDS = 2
 """Number of corrections of the shares of the power units; the second one corrects the first by a tenth."""
 
@@ -210,7 +212,7 @@ class TripPlanner:
     def _driven(self, journey: Journey, price: float, shares: tuple[SharesAt, ...] = ()) -> TripPlan:
         """Return the plan from the run of the nominal train along a journey."""
         run = follow_journey(self._model, self._settings, journey, journey.applications, shares)
-        self._check_limits(run)
+        self._check_limits(run, journey)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
         profile, until = self._profile.of(run)
         moved = displacements_for_run(run, profile, until) if self._model.n_units > 1 else ()
@@ -229,7 +231,7 @@ class TripPlanner:
         most = self._settings.coupler_max
         return min(plans, key=lambda p: (max(p.coupler_max - most, 0.0), float(coupler_damage(p.run.couplers).sum())))
 
-    def _check_limits(self, run: TripRun) -> None:
+    def _check_limits(self, run: TripRun, journey: Journey) -> None:
         """Check that the run of the nominal train keeps the speed limits.
 
         Raises
@@ -237,13 +239,20 @@ class TripPlanner:
         ValueError
             With the place of the largest excess.
         """
-        limits = SpeedLimits(self._model.line, float("inf"))
+        settings, limits = self._settings, SpeedLimits(self._model.line, float("inf"))
         excess = run.speed - limits.at(run.position + self._half, self._model.consist.length)
         worst = int(excess.argmax())
         if excess[worst] > 0.0:
+            first = worst - int((excess[worst::-1] <= 0.0).argmax())
+            if np.interp(run.position[worst], journey.place, journey.speed) > run.speed[worst] - excess[worst]:
+                reason = "the permitted brakes are too weak there; permit more brake or reductions"
+            elif run.force[first] - run.force[first + 1] >= ALMOST * settings.slew * run.period:
+                reason = f"the brake changes by at most slew_kn_per_s = {settings.slew / 1e3:g}; permit a larger slew"
+            else:
+                reason = f"a trip averages its forces over {SMOOTHING:g} m; plan without --trip"
+            place = f"km {run.position[worst] / 1e3:.2f}"
             raise ValueError(
-                f"speed limit exceeded by {3.6 * excess[worst]:.1f} km/h at km {run.position[worst] / 1e3:.2f}: the "
-                "permitted brakes are too weak there; permit more brake or reductions, or increase speed_margin"
+                f"speed limit exceeded by {3.6 * excess[worst]:.1f} km/h at {place}: {reason}, or increase speed_margin"
             )
 
     def _planned(self, application: Application, run: TripRun) -> PlannedApplication:

@@ -13,30 +13,30 @@ from train_ato.profile.trip.driven_run import AVERAGE, TripRun
 from train_ato.profile.trip.settings import TripSettings
 
 JERK = 0.002
-"""Change of the deceleration at the begin of the last part [m/s³]: 21 kN/s for a train of 10 700 t."""
+"""Least change of the deceleration at the begin of the last part [m/s³]: 21 kN/s for a train of 10 700 t."""
 STRONGEST = 0.2
 """Largest deceleration of the last part [m/s²]."""
 
 
-def braking_distance(speed: float, deceleration: float, final: float) -> float:
-    """Return the distance to standstill [m] if the deceleration changes to a final one with :data:`JERK`.
+def braking_distance(speed: float, deceleration: float, final: float, jerk: float = JERK) -> float:
+    """Return the distance to standstill [m] if the deceleration changes to a final one.
 
     Parameters
     ----------
     speed, deceleration
         State at the begin [m/s, m/s²].
-    final
-        Deceleration after the change [m/s²].
+    final, jerk
+        Deceleration after the change [m/s²], and its change per second [m/s³].
     """
-    duration, slope = _change(speed, deceleration, final)
+    duration, slope = _change(speed, deceleration, final, jerk)
     rest = speed - deceleration * duration - slope * duration**2 / 2
     way = speed * duration - deceleration * duration**2 / 2 - slope * duration**3 / 6
     return way + max(rest, 0.0) ** 2 / (2 * final)
 
 
-def _change(speed: float, deceleration: float, final: float) -> tuple[float, float]:
+def _change(speed: float, deceleration: float, final: float, jerk: float) -> tuple[float, float]:
     """Return duration [s] and slope [m/s³] of the change; it ends at standstill at the latest."""
-    slope = math.copysign(JERK, final - deceleration)
+    slope = math.copysign(jerk, final - deceleration)
     duration = (final - deceleration) / slope
     root = deceleration**2 + 2 * slope * speed
     if root >= 0.0:
@@ -45,7 +45,7 @@ def _change(speed: float, deceleration: float, final: float) -> tuple[float, flo
     return duration, slope
 
 
-def final_deceleration(speed: float, deceleration: float, distance: float) -> float:
+def final_deceleration(speed: float, deceleration: float, distance: float, jerk: float = JERK) -> float:
     """Return the final deceleration that stops the train after a distance [m/s²].
 
     Raises
@@ -54,19 +54,20 @@ def final_deceleration(speed: float, deceleration: float, distance: float) -> fl
         If no deceleration up to :data:`STRONGEST` does.
     """
     low, high = 1e-4, STRONGEST
-    if not braking_distance(speed, deceleration, high) <= distance <= braking_distance(speed, deceleration, low):
+    longest, shortest = (braking_distance(speed, deceleration, final, jerk) for final in (low, high))
+    if not shortest <= distance <= longest:
         raise ValueError(
             f"no stop after {distance:.1f} m from {3.6 * speed:.1f} km/h; permit a stronger brake, or increase "
             "final_deceleration"
         )
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if braking_distance(speed, deceleration, middle) > distance else (low, middle)
+        low, high = (middle, high) if braking_distance(speed, deceleration, middle, jerk) > distance else (low, middle)
     return 0.5 * (low + high)
 
 
 def stop_knots(
-    position: float, speed: float, deceleration: float, stop: float, period: float
+    position: float, speed: float, deceleration: float, stop: float, period: float, jerk: float = JERK
 ) -> tuple[Array, Array, Array]:
     """Return position, speed and acceleration of the knots after a state, up to rest at a stop [m].
 
@@ -78,9 +79,11 @@ def stop_knots(
         Place of standstill [m].
     period
         Time between the knots [s].
+    jerk
+        Change of the deceleration per second [m/s³].
     """
-    final = final_deceleration(speed, deceleration, stop - position)
-    change, slope = _change(speed, deceleration, final)
+    final = final_deceleration(speed, deceleration, stop - position, jerk)
+    change, slope = _change(speed, deceleration, final, jerk)
     middle = speed - deceleration * change - slope * change**2 / 2
     end = change + max(middle, 0.0) / final
     time = period * np.arange(1, math.ceil(end / period) + 1)
@@ -99,8 +102,9 @@ SLACK_AVERAGE = 20.0
 """Window of the average of the motion of vehicle 0 against the mean of the train, for coarser knots [s]."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
-FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
-"""Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
+FINAL_SHARE, ALMOST_AT_REST, ELECTRIC_SHARE = 1.1, 0.5, 0.25
+"""Deceleration of the last part over that of the running resistance at a speed [m/s], and at least over that of the
+electric brake at its begin; the electric brake fades."""
 MAX_OF_FINAL = 2.0
 """Largest deceleration of the last part over the planned one; the electric brake is not able to keep a larger one."""
 
@@ -120,20 +124,21 @@ class RunProfile:
 
     def __init__(self, model: TrainModel, settings: TripSettings, stop: float, period: float) -> None:
         self._model, self._settings, self._stop, self._period = model, settings, stop, period
-        self._final = settings.final_deceleration or FINAL_SHARE * (
-            model.running_resistance(ALMOST_AT_REST) / model.inertia
-        )
+        speed = settings.final_speed
+        brake = -settings.brake * plain_sum(model.limits_of_units([speed] * model.n_units)[0])
+        resisted = FINAL_SHARE * (model.running_resistance(ALMOST_AT_REST) / model.inertia)
+        self._final = settings.final_deceleration or max(resisted, ELECTRIC_SHARE * brake / model.inertia)
+        self._strong = (model.running_resistance(speed) + brake) / model.inertia
+        self._jerk = max(JERK, self._strong * brake / (model.inertia * speed))  # as the electric brake fades
 
     def last_part(self) -> float:
         """Return the distance from the end of the journey to the stop [m].
 
         The profile leaves the run some seconds before the end of the journey, because of the average over time.
         """
-        model, settings, speed = self._model, self._settings, self._settings.final_speed
-        low, _ = model.limits_of_units([speed] * model.n_units)
-        strong = (model.running_resistance(speed) - settings.brake * plain_sum(low)) / model.inertia
+        speed, strong = self._settings.final_speed, self._strong
         before = speed + strong * 2 * AVERAGE
-        way = braking_distance(before, strong, self._final) - AVERAGE * (before + speed)
+        way = braking_distance(before, strong, self._final, self._jerk) - AVERAGE * (before + speed)
         return max(LAST_PART * way, speed**2 / (2 * strong))
 
     def of(self, run: TripRun) -> tuple[Profile, float]:
@@ -159,9 +164,8 @@ class RunProfile:
         acceleration[0] = 0.0
         position = run.position[0] + np.concatenate(([0.0], np.cumsum(steps)))
         kept = self._cut(position, speed, acceleration)
-        rest = stop_knots(
-            float(position[kept - 1]), float(speed[kept - 1]), -float(acceleration[kept - 1]), self._stop, self._period
-        )
+        state = float(position[kept - 1]), float(speed[kept - 1]), -float(acceleration[kept - 1])
+        rest = stop_knots(*state, self._stop, self._period, self._jerk)
         columns = [np.concatenate((a[:kept], b)) for a, b in zip((position, speed, acceleration), rest, strict=True)]
         # rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy
         rounded = columns[0].round(6), columns[1].round(9), columns[2].round(9)
@@ -175,7 +179,7 @@ class RunProfile:
         for kept in range(last, first, -round(1.0 / self._period)):
             state = float(speed[kept - 1]), -float(acceleration[kept - 1])
             try:
-                needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
+                needed = final_deceleration(*state, self._stop - float(position[kept - 1]), self._jerk)
             except ValueError:
                 continue
             if needed <= MAX_OF_FINAL * self._final:

@@ -48,7 +48,7 @@ class TripSettings(SiModel):
     final_deceleration: Acceleration | None = option(
         None,
         "approximate deceleration of this last part. The default is 1.1 times that of the running "
-        "resistance, because the electric brake fades before standstill",
+        "resistance, and at least a quarter of that of the electric brake at the final speed, which fades",
         gt=0,
     )
     air_brake: AirBrakeRules = AirBrakeRules()
