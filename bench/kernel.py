@@ -21,7 +21,6 @@ import train_ato as ta
 from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
 from plant_sim.compiled import compiled
-from plant_sim.consist import Consist
 from plant_sim.kernel import ONE, uint64
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
@@ -89,13 +88,6 @@ RELEASED, APPLIED, FULL = (False, False), (True, False), (True, True)
 """Air brake applied or not, and all effects of the plant or not."""
 
 
-def heavy_train(wagons: int) -> Consist:
-    """Return a train of one HXD1 locomotive and C80 wagons."""
-    consist = load_consist("hxd1_c80_105")
-    front, rear = consist.train
-    return consist.model_copy(update={"train": (front, rear.model_copy(update={"count": wagons}))})
-
-
 def new_train(vehicles: int, brake_on: bool, everything: bool = False) -> Train:
     """Return a train at 70 km/h on the section with the long downhill grades, optionally with the brake applied."""
     wind = {"kind": "turbulence", "acceleration_rms": 0.01}
@@ -108,7 +100,10 @@ def new_train(vehicles: int, brake_on: bool, everything: bool = False) -> Train:
     }
     start = {"position_km": 15.0, "speed": SPEED}
     setup = PlantSetup.model_validate({"start": start, **(extras if everything else {})})
-    train = Train(heavy_train(vehicles - 1), load_line("daqin_section"), setup, step_ns=STEP_NS, tick_ns=TICK_NS)
+    consist = load_consist("hxd1_c80_105")
+    front, rear = consist.train
+    consist = consist.model_copy(update={"train": (front, rear.model_copy(update={"count": vehicles - 1}))})
+    train = Train(consist, load_line("daqin_section"), setup, step_ns=STEP_NS, tick_ns=TICK_NS)
     train.advance(np.zeros((train.substeps, 1)), 550e3 if brake_on else None)
     while not train.is_quiet:  # the wave has reached the last vehicle
         train.advance(np.zeros((train.substeps, 1)))

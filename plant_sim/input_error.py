@@ -257,18 +257,14 @@ def _walk(model: type[BaseModel], path: tuple[int | str, ...]) -> tuple[list[str
             if str(part) in entry.model_fields
             for found in blocks_of(entry.model_fields[str(part)].annotation)
         }
-        chosen = {entry for entry in current if _has_value(entry, part)}
+        fields = {entry: entry.model_fields.values() for entry in current}  # a discriminator has one value only
+        chosen = {entry for entry in current if any(get_args(field.annotation) == (part,) for field in fields[entry])}
         if chosen and not below:
             current = chosen
         elif not _branch_of_union(part):
             keys.append(str(part))
             owners, current = current, below or current
     return keys, owners
-
-
-def _has_value(model: type[BaseModel], value: Any) -> bool:
-    """Return True if a key of the model has this value only, as a discriminator has."""
-    return any(get_args(field.annotation) == (value,) for field in model.model_fields.values())
 
 
 def _keys_of(models: set[type[BaseModel]]) -> set[str]:

@@ -57,11 +57,6 @@ def law_pages(measured: Measured) -> dict[Path, str]:
     return {LAWS / "README.md": index(measured), **pages}
 
 
-def parameter_page(scenario: str) -> str:
-    """Return the file with the parameters of the nodes of a shipped scenario."""
-    return parameter_file(node_parameters(prepare(*load_scenario(scenario))))
-
-
 def generated() -> dict[Path, str]:
     """Return the text of every generated file by path."""
     return {
@@ -69,7 +64,10 @@ def generated() -> dict[Path, str]:
         **{ROOT / module.PAGE: module.page(ROOT) for module in (*CHECKED, equation_page, any_law_page)},
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         ROOT / node_page.REQUIREMENT_PAGE: node_page.requirement_page(ROOT / node_page.REQUIREMENT_PAGE),
-        **{ROOT / "config" / f"{name}.yaml": parameter_page(name) for name in ("demo", "xuzhou_metro")},
+        **{
+            ROOT / "config" / f"{name}.yaml": parameter_file(node_parameters(prepare(*load_scenario(name))))
+            for name in ("demo", "xuzhou_metro")
+        },
         **{reference_pages.schema_path(kind): reference_pages.schema_text(kind) for kind in reference_pages.MODELS},
         **law_pages(read_rows(MEASURED)),
     }

@@ -259,10 +259,6 @@ def _speed_above_limit(run: FaultRun) -> tuple[float, float]:
     return (run.top_speed - limit) * KMH, (run.largest_speed - limit) * KMH
 
 
-def _behind_supervised_location(run: FaultRun) -> tuple[float, float]:
-    return run.front - run.supervised_location, 0.0
-
-
 def _rolled_back(run: FaultRun) -> tuple[float, float]:
     """Return the largest distance backwards and its bound [m].
 
@@ -311,20 +307,12 @@ def _traction_while_braked(run: FaultRun) -> tuple[float, float]:
     return float((command * _braked(run)).max()) * KILO, 0.0
 
 
-def _end_speed(run: FaultRun) -> tuple[float, float]:
-    return run.end_speed * KMH, STANDSTILL * KMH
-
-
 def _speed_at_release(run: FaultRun) -> tuple[float, float]:
     recording = run.recording
     spans = state_spans(recording.reports, "plant")[:-1]
     ends = [span.end for span in spans if span.state == Protection.EMERGENCY_BRAKE.text]
     speeds = np.abs(np.interp(ends, recording.time, recording.front_velocity)) if ends else np.zeros(1)
     return float(speeds.max()) * KMH, STANDSTILL * KMH
-
-
-def _behind_stop(run: FaultRun) -> tuple[float, float]:
-    return run.front - run.stop, STOPPING_ERROR
 
 
 def _demands(run: FaultRun) -> tuple[float, float]:
@@ -334,8 +322,10 @@ def _demands(run: FaultRun) -> tuple[float, float]:
 
 
 MEASURES: dict[str, Callable[[FaultRun], tuple[float, float]]] = {
-    "H1": _speed_above_limit, "H2": _behind_supervised_location, "H3": _rolled_back, "H4": _unrequested_distance,
-    "H5": _traction_while_braked, "H6": _end_speed, "H7": _speed_at_release, "H8": _behind_stop, "H9": _demands,
+    "H1": _speed_above_limit, "H2": lambda run: (run.front - run.supervised_location, 0.0), "H3": _rolled_back,
+    "H4": _unrequested_distance, "H5": _traction_while_braked,
+    "H6": lambda run: (run.end_speed * KMH, STANDSTILL * KMH), "H7": _speed_at_release,
+    "H8": lambda run: (run.front - run.stop, STOPPING_ERROR), "H9": _demands,
 }  # fmt: skip
 """Function by hazard that returns the value of its measure and the bound, in the unit of the hazard."""
 
@@ -436,10 +426,7 @@ def _matrix() -> list[str]:
 
 
 def _verification(row: HazardRow) -> str:
-    monitors = ", ".join(f"`{name.partition(':')[2]}` ({_file(name)})" for name in row.monitors)
+    places = (name.partition(":") for name in row.monitors)
+    monitors = ", ".join(f"`{name}` (`{module.replace('.', '/')}.py`)" for module, _, name in places)
     tests = ", ".join(f"`{test.removeprefix('test/')}`" for test in row.tests)
     return f"| {row.requirement} | {monitors} | {'; '.join(row.faults) or '-'} | {tests or '-'} |"
-
-
-def _file(monitor: str) -> str:
-    return f"`{monitor.partition(':')[0].replace('.', '/')}.py`"

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from msgs_docs.generate.equation_page import source_line
-from msgs_docs.generate.rows import page_text, read_rows, table_lines, write_rows
+from msgs_docs.generate.rows import page_text, read_rows, table_lines, texts, write_rows
 from plant_sim.library import consist_path, read_yaml
 from train_ato.api.progress import share_bar
 from train_ato.control.gains import PRINTED, has_gains
@@ -94,11 +94,6 @@ class ChoiceTable:
     choices: tuple[Choice, ...]
 
 
-def read_choices(path: Path) -> tuple[ChoiceTable, ...]:
-    """Return the tables of a file; unknown keys raise TypeError, an unknown base KeyError."""
-    return tuple(_table(data) for data in yaml.safe_load(path.read_text(encoding="utf-8")))
-
-
 def _table(data: dict[str, Any]) -> ChoiceTable:
     bases = {name: ChoiceRun(row["scenario"], tuple(row.get("set", ())), {}) for name, row in data["bases"].items()}
     choices = []
@@ -117,7 +112,7 @@ def _other(base: ChoiceRun, row: dict[str, Any]) -> ChoiceRun:
     return ChoiceRun(name, (*base.sets, *more), row.get("consist", {}))
 
 
-CHOICES = read_choices(Path(__file__).with_name("left_out.yaml"))
+CHOICES = tuple(map(_table, texts("left_out")))
 
 NAME = "left_out"
 MEASURED = Path("msgs_docs", "left_out_measured.json")

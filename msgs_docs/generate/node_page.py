@@ -76,10 +76,10 @@ def _section(role: Role, node: Any) -> list[str]:
         if role is Role.RECORDER and verb == "Reads":
             names = "every topic of the table except `train/report` and `recorder/progress`"
         lines += [f"{verb}: {names or 'nothing'}.", ""]
-    services = [(service.srv_name, service.srv_type) for service in node.services if _own(node, service)]
+    services = {service.srv_name: service.srv_type for service in node.services if _own(node, service)}
     if services:
-        offered = sorted(services)
-        rows = [(f"`{name}`", f"`{_type_name(kind)}`", _SERVICES[name.rpartition("/")[2]]) for name, kind in offered]
+        types = {name: f"`{kind.__module__.split('.')[0]}/srv/{kind.__name__}`" for name, kind in services.items()}
+        rows = [(f"`{name}`", types[name], _SERVICES[name.rpartition("/")[2]]) for name in sorted(types)]
         lines += [*table_lines(("service", "type", "meaning"), rows), ""]
     parameters = [name for name in node.get_parameters_by_prefix("") if name not in _EVERYWHERE]
     if parameters:
@@ -94,10 +94,6 @@ def _own(node: Any, service: Any) -> bool:
     """Return true for a service that is not common to all rclpy nodes, nor of a package that may be absent."""
     common = "parameter" in service.srv_name or service.srv_name.endswith("get_type_description")
     return not common and not service.srv_type.__module__.startswith("simulation_interfaces")
-
-
-def _type_name(kind: Any) -> str:
-    return f"{kind.__module__.split('.')[0]}/srv/{kind.__name__}"
 
 
 def _row(node: Any, name: str) -> tuple[str, ...]:

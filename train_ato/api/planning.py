@@ -101,13 +101,7 @@ def plan(
 
             draw_plan(result, path)
         else:
-            write_profile(result.profile, path, _source(line, train, result))
+            chosen = result.settings
+            source = f"train-ato plan {line} {train}: {result.running_time:.2f} s, force margin {chosen.force_margin:g}"
+            write_profile(result.profile, path, f"{source}, jerk {chosen.jerk} m/s3")
     return result
-
-
-def _source(line: str | Path, train: str | Path, result: Plan) -> str:
-    """Return the command and the figures of a plan, for the head of its file."""
-    return (
-        f"train-ato plan {line} {train}: {result.running_time:.2f} s, force margin "
-        f"{result.settings.force_margin:g}, jerk {result.settings.jerk} m/s3"
-    )

@@ -16,7 +16,6 @@ from train_ato.log.versions import SCENARIO, SUMMARY
 from train_ato.loop.engine import SIGNALS, TickLoop, run_engine
 from train_ato.messages.codec import Wire
 from train_ato.messages.topics import AHEAD
-from train_ato.messages.types import TrainAhead
 from train_ato.program.errors import RunFailed
 from train_ato.scenario.setup import RunSetup
 
@@ -68,15 +67,10 @@ def verify(run: str | Path, relative: float = 0.0) -> LogComparison:
         named = ", ".join(restarts)
         raise ValueError(f"{path}: cannot be driven again, it has a restarted node: {named}; name another run")
     changes = read_changes(path)
-    setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario), ahead=read_ahead(path, setup))
+    reports = read_log(path, Wire(setup.layout).decode, (AHEAD,)) if setup.layout.behind else ()
+    ahead = tuple(message for _, _, message in reports)
+    setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario), ahead=ahead)
     return compare_with_new(path, setup, relative)
-
-
-def read_ahead(run: Path, setup: RunSetup) -> tuple[TrainAhead, ...]:
-    """Return the recorded live reports of the train ahead."""
-    if not setup.layout.behind:
-        return ()
-    return tuple(message for _, _, message in read_log(run, Wire(setup.layout).decode, (AHEAD,)))
 
 
 def difference_note(run: Path) -> str:

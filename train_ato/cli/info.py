@@ -31,6 +31,8 @@ TABLES = ("criteria", "requirements", "stops", "couplers", "tracking_findings")
 ALONE = Path()
 """Value of ``--fatigue`` without another run."""
 
+ORIGINS = {None: "", True: "planned", False: "from outside"}
+"""Origin of a change; not known for a log without its scenario."""
 OPTIONS: Options = {"--requirement": {"action": "append"}, "--fatigue": {"nargs": "?", "const": ALONE}}
 
 
@@ -193,7 +195,7 @@ def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:
     print_table(("topic", "messages", "1/s", "from s", "to s", "gaps"), rows, title)
     if changes:
         listed = [
-            (f"{row['at_s']:.3f}", f"{row['name']} = {_value(row['value'])}", _origin(planned=row.get("planned")))
+            (f"{row['at_s']:.3f}", f"{row['name']} = {_value(row['value'])}", ORIGINS[row.get("planned")])
             for row in changes
         ]
         print_table(("at s", "change", ""), listed, "changes during the run")
@@ -216,8 +218,3 @@ def _value(value: Any) -> str:
         texts = {name: part if isinstance(part, str) else number_text(part) for name, part in value.items()}
         return ", ".join(f"{name} {text}" for name, text in texts.items())
     return str(value)
-
-
-def _origin(*, planned: bool | None) -> str:
-    """Return the origin of a change; unknown for a log without its scenario."""
-    return "" if planned is None else "planned" if planned else "from outside"

@@ -8,9 +8,9 @@ Options::
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from plant_sim.input_error import close_match
 from plant_sim.units import number_text
@@ -137,13 +137,10 @@ def _of_run(scenario: Scenario, path: Path) -> Facts:
     for law in LAWS.loadable():
         gains = setup.gains(law)
         if gains.source:
-            values = ", ".join(f"{key} {_shown(value)}" for key, value in gains.values.items() if key != "gains")
+            shown = {key: number_text(x, 3) if isinstance(x, float) else str(x) for key, x in gains.values.items()}
+            values = ", ".join(f"{key} {text}" for key, text in shown.items() if key != "gains")
             found[f"gains of {law}"] = f"{gains.source}, {gains.reason}{': ' if values else ''}{values}"
     return found
-
-
-def _shown(value: Any) -> str:
-    return number_text(value, 3) if isinstance(value, float) else str(value)
 
 
 def _block(registry: Registry, name: str) -> Facts:
@@ -266,7 +263,10 @@ def catalogue() -> dict[str, dict[str, str]]:
 def execute(options: argparse.Namespace) -> None:
     """Print the catalogue, or the details of one name."""
     found = catalogue() if options.name is None else _details_of(options.name)
-    expected = expected_verdicts(found.get("scenarios", {}))
+    from train_ato.scenario.scenario import expectation_of
+
+    stated = {name: expectation_of(name) for name in found.get("scenarios", ())}
+    expected = {name: "" if verdict is None else verdict.text for name, verdict in stated.items()}
     if options.json:
         print_json({**found, "expected": expected} if expected else found)
         return
@@ -276,14 +276,6 @@ def execute(options: argparse.Namespace) -> None:
             print_names("scenarios, with expected verdict (`train-ato list NAME` has its cause)", rows)
         else:
             print_names("following trains, for `train-ato run`" if kind == "following" else kind, entries.items())
-
-
-def expected_verdicts(names: Iterable[str]) -> dict[str, str]:
-    """Return the expected verdict of every scenario, with failed criteria and cause; "" for a scenario without."""
-    from train_ato.scenario.scenario import expectation_of
-
-    found = {name: expectation_of(name) for name in names}
-    return {name: "" if expected is None else expected.text for name, expected in found.items()}
 
 
 def _details_of(name: str) -> dict[str, dict[str, str]]:

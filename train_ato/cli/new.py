@@ -42,7 +42,10 @@ def execute(options: argparse.Namespace) -> None:
     texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
     for path in texts:
         check_new_file(path, (path.suffix,), "NAME")
-    if options.kind in CODE_KINDS and (iskeyword(options.name) or _is_module(options.name)):
+    found = (
+        find_spec(options.name) if options.kind in CODE_KINDS else None
+    )  # of a folder without __init__.py without origin, and a file precedes it
+    if options.kind in CODE_KINDS and (iskeyword(options.name) or (found is not None and found.origin is not None)):
         raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
     with ExitStack() as made:
         for path, text in texts.items():
@@ -52,12 +55,6 @@ def execute(options: argparse.Namespace) -> None:
         made.pop_all()  # the files stay only together: the command could not be repeated beside some of them
     text = "".join(f"{path}\n" for path in texts) + f"next: {following}\n"
     print_result({"files": [str(path) for path in texts], "next": following}, text, as_json=options.json)
-
-
-def _is_module(name: str) -> bool:
-    """Return True for the name of a module; a folder without ``__init__.py`` has no origin, and a file precedes it."""
-    found = find_spec(name)
-    return found is not None and found.origin is not None
 
 
 def _data(kind: str, name: str, like: str | None) -> tuple[dict[Path, str], str]:

@@ -257,7 +257,9 @@ def _print_plan(result: dict[str, Any]) -> None:
     if dead := result.get("without_power"):
         names = {"announced_s": "announced, s", "off_s": "power off, s", "on_s": "power on, s", "phase": "phase"}
         names = {key: name for key, name in names.items() if any(key in row for row in dead)}
-        sections = ([_km(row), *(_cell(row[key]) if key in row else "" for key in names)] for row in dead)
+        cells = ([row.get(key, "") for key in names] for row in dead)
+        texts = ([cell if isinstance(cell, str) else f"{cell:.1f}" for cell in row] for row in cells)
+        sections = ([_km(row), *text] for row, text in zip(dead, texts, strict=True))
         print_table(("neutral section, km", *names.values()), sections)
 
 
@@ -266,11 +268,6 @@ def _km(row: dict[str, Any]) -> Any:
     from train_ato.cli.screen import kilometre_cell
 
     return row.get("post") or kilometre_cell(row["place_m"] / 1e3)
-
-
-def _cell(value: float | str) -> str:
-    """Return a time [s] with one decimal place, or a word."""
-    return value if isinstance(value, str) else f"{value:.1f}"
 
 
 def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
@@ -354,12 +351,8 @@ def _allowance(text: str) -> Allowance:
         raise argparse.ArgumentTypeError(str(error).splitlines()[0]) from None
 
 
-def _limit(text: str) -> float:
-    """Return a limit [SI]; infinity for 'none'."""
-    return math.inf if text.lower() == "none" else _number(0.0)(text)
-
-
-_LEAST, _LIMIT = {"type": _number(0.0)}, {"type": _limit}
+_LEAST = {"type": _number(0.0)}
+_LIMIT = {"type": lambda text: math.inf if text.lower() == "none" else _number(0.0)(text)}
 OPTIONS: Options = {
     **dict.fromkeys(("--time", "--dwell", "--force-margin", "--efficiency", "--recovered"), _LEAST),
     **dict.fromkeys(("--auxiliary-kw", "--max-speed-kmh"), _LEAST),

@@ -145,6 +145,7 @@ def execute(options: argparse.Namespace) -> None:
 def _publish(options: argparse.Namespace) -> None:
     from train_ato.playback.log import ReplayOptions, parse_remap
 
+    acknowledged = options.wait_for_all_acked
     chosen = ReplayOptions(
         rate=options.rate,
         start_offset=options.start_offset,
@@ -156,7 +157,7 @@ def _publish(options: argparse.Namespace) -> None:
         topics=tuple(options.topics),
         exclude=tuple(options.exclude_topics),
         remap=parse_remap(tuple(options.remap)),
-        acknowledged_s=_acknowledgement_s(options.wait_for_all_acked),
+        acknowledged_s=5.0 if acknowledged is None else acknowledged * 1e-3 or math.inf,
     )
     from train_ato.playback.publishing import REPLAY_PROFILE, publish_run
     from train_ato.ros.graph.environment import middleware
@@ -166,12 +167,6 @@ def _publish(options: argparse.Namespace) -> None:
     with keyboard(wanted=wanted) as keys, _bar(options.run.name) as progress:
         done = publish_run(options.run, chosen, domain=options.domain, progress=progress, keys=keys)
     _report(options, done)
-
-
-def _acknowledgement_s(milliseconds: int | None) -> float:
-    if milliseconds is None:
-        return 5.0
-    return math.inf if milliseconds == 0 else milliseconds * 1e-3
 
 
 @contextmanager

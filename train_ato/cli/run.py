@@ -124,11 +124,13 @@ def execute(options: argparse.Namespace) -> None:
     from train_ato.api.drive import drive
     from train_ato.api.progress import COMPILE_NOTE, compilation_noted
     from train_ato.judge.verdict import unmet_requirements
+    from train_ato.scenario.scenario import expectation_of
 
     setup, run_mode, out = prepared(options)
     gc.freeze()  # most objects live until the end; after an engine run a look at them at the exit takes 0.2 s
     with compilation_noted(COMPILE_NOTE):
-        expected, said = expected_verdict(options), setup.advice()
+        changes = (options.assignments, options.law, options.observer, options.compensation, options.seed)
+        expected, said = None if any(changes) else expectation_of(options.scenario), setup.advice()
         ended = partial(_print_end, as_json=options.json, expected=expected, said=said)
         run = drive(setup, run_mode, out=out, option="--out", ended=ended)
     if options.strict and (unmet := unmet_requirements(run.metrics)):
@@ -204,14 +206,6 @@ def print_following(summary: dict[str, Any], out: Path, *, as_json: bool) -> Non
     print_table(("metric", *(train["name"] for train in trains)), rows, summary["following"])
     folders = ", ".join(str(out / train["name"]) for train in trains)
     sys.stdout.write(f"a log of each train: {folders}; common summary: {out / 'summary.json'}\n")
-
-
-def expected_verdict(options: argparse.Namespace) -> Expectation | None:
-    """Return the expected verdict of a scenario that no option changes, else None."""
-    from train_ato.scenario.scenario import expectation_of
-
-    changes = (options.law, options.observer, options.compensation, options.seed)
-    return None if options.assignments or any(changes) else expectation_of(options.scenario)
 
 
 def _print_end(run: Run, failure: RunFailed | None, *, as_json: bool, expected: Expectation | None, said: str) -> None:

@@ -32,7 +32,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_result
 from train_ato.program.arguments import BAD_INPUT, Options, parse_rate
 from train_ato.program.errors import RunFailed, check_packages
 from train_ato.program.interrupt import Interrupt, interruptible
@@ -80,6 +80,7 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
 
     with contextlib.ExitStack() as stack:
         feed = stack.enter_context(_feed(options, interrupt))
+        from train_ato.view.origin_gate import LOCAL_NAMES
         from train_ato.view.server import PageServer
 
         server = PageServer(feed, options.address, options.port)
@@ -90,32 +91,19 @@ def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) ->
 
             foxglove = stack.enter_context(contextlib.closing(FoxgloveServer(feed, options.foxglove)))
         if first:
-            _warn_of_network(options.address, live=feed.live)
-            _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), as_json=options.json)
+            if options.address not in LOCAL_NAMES:
+                able = "act on the train" if feed.live else "read the run"
+                text = f"every host that reaches the page can {able}, no password"
+                sys.stderr.write(f"train-ato: --address {options.address}: {text}\n")
+            addresses = {"page": server.url} | ({} if foxglove is None else {"foxglove": foxglove.url})
+            print_result(addresses, "".join(f"{url}\n" for url in addresses.values()), as_json=options.json)
+            sys.stdout.flush()
             if sys.stderr.isatty():
                 console().print("Press Ctrl-C to end.")
             if not options.no_browser:
                 webbrowser.open(server.url)
         server.run(lambda: interrupt.asked or feed.again)
         return feed.again and not interrupt.asked
-
-
-def _print_addresses(addresses: list[str], *, as_json: bool) -> None:
-    """Print the addresses of the page and of the Foxglove server."""
-    if as_json:
-        print_json(dict(zip(("page", "foxglove"), addresses, strict=False)))
-    else:
-        sys.stdout.write("".join(f"{address}\n" for address in addresses))
-    sys.stdout.flush()
-
-
-def _warn_of_network(address: str, *, live: bool) -> None:
-    """Print a line if other hosts can open the page."""
-    from train_ato.view.origin_gate import LOCAL_NAMES
-
-    if address not in LOCAL_NAMES:
-        able = "act on the train" if live else "read the run"
-        sys.stderr.write(f"train-ato: --address {address}: every host that reaches the page can {able}, no password\n")
 
 
 def _check(options: argparse.Namespace) -> None:

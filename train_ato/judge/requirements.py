@@ -198,22 +198,13 @@ def signal_series(names: Iterable[str], setup: RunSetup, recording: Recording) -
     """
     found = {}
     for name in names:
-        signal, unit = _known(name)
-        values = SERIES[signal](setup, recording)
+        signal = find_signal(name)
+        assert signal is not None, name
+        values, unit = SERIES[signal[0].name](setup, recording), signal[1]
         found[name] = values.sum(axis=1) if values.ndim == 2 and unit is None else values
         if unit is not None:
             found[name] = values[:, unit]
     return found
-
-
-def _known(name: str) -> tuple[str, int | None]:
-    found = find_signal(name)
-    assert found is not None, name
-    return found[0].name, found[1]
-
-
-def _limit(setup: RunSetup, recording: Recording) -> Array:
-    return limit_over_train(setup.line, front_of_train(setup, recording), setup.consist.length)
 
 
 def _held(topic: str, name: str, column: int) -> Callable[[RunSetup, Recording], Array]:
@@ -260,7 +251,7 @@ SERIES: dict[str, Callable[[RunSetup, Recording], Array]] = {
     "speed": lambda setup, recording: recording.front_velocity,
     "reference_speed": lambda setup, recording: recording.reference_velocity,
     "speed_error": lambda setup, recording: recording.front_velocity - recording.reference_velocity,
-    "limit": _limit,
+    "limit": lambda setup, run: limit_over_train(setup.line, front_of_train(setup, run), setup.consist.length),
     "permitted_speed": _held(SUPERVISED_SPEEDS, "speed", PERMITTED),
     "emergency_brake_speed": _held(SUPERVISED_SPEEDS, "speed", EMERGENCY),
     "acceleration": _acceleration,

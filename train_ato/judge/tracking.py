@@ -449,15 +449,17 @@ def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the oscillation of the command with the largest amplitude of all units."""
     found: list[tuple[Oscillation, float]] = []
     seen: list[Array] = []
+    model = run.setup.model
     for unit, (force, share) in enumerate(_command_shares(run)):
         if force <= 0 or any(np.array_equal(share, other) for other in seen):
             continue
         seen.append(share)
+        dead = max(float(model.delay[unit]), float(model.delay_brake[unit])) + model.lag + run.setup.control_period
         oscillation = sustained_oscillation(
             run.recording.time,
             share,
             amplitude=run.limits.oscillation,
-            max_period=MAX_PERIOD * _dead_time(run.setup, unit),
+            max_period=MAX_PERIOD * dead,
             min_duration=run.limits.oscillation_time,
         )
         if oscillation is not None:
@@ -503,12 +505,6 @@ def _command_shares(run: EngagedRun) -> Iterator[tuple[float, Array]]:
         force = max(model.traction[unit].largest(), model.brake[unit].largest())
         free = recording.command[:, unit] - float(model.share[unit]) * inertial
         yield force, np.where(run.engaged, free, 0.0) / force if force > 0 else free
-
-
-def _dead_time(setup: RunSetup, unit: int) -> float:
-    """Return delay, lag and control period of a unit [s]."""
-    model = setup.model
-    return max(float(model.delay[unit]), float(model.delay_brake[unit])) + model.lag + setup.control_period
 
 
 def _stops(run: EngagedRun) -> Iterator[TrackingFinding]:

@@ -282,21 +282,15 @@ def _coupler_text(summary: Metrics) -> str:
 
 def _failure_text(row: CriterionRow, summary: Metrics) -> str:
     if "formula" in row:
-        return requirement_text(row)
+        robustness, unit = row["value"], row.get("unit") or ""
+        found = "not evaluated" if robustness is None else f"robustness {shown_quantity(robustness, unit)}"
+        return f"{row['criterion']}: {found}{'' if robustness is None else place_text(row)}"
     criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
     value = "none" if row["value"] is None else shown_quantity(row["value"], criterion.unit)
     text = f"{metric_name(criterion.metric).removesuffix(', largest')} {value}"
     if criterion.metric == AT_STOPS[0]:
         text = _stop_text(summary) or text
     return f"{text} (limit {shown_digits(row['limit'], criterion.unit)}){place_text(row)}"
-
-
-def requirement_text(row: CriterionRow) -> str:
-    """Return name, robustness, time and place of the smallest margin of a requirement as text."""
-    value = row["value"]
-    if value is None:
-        return f"{row['criterion']}: not evaluated"
-    return f"{row['criterion']}: robustness {shown_quantity(value, row.get('unit') or '')}{place_text(row)}"
 
 
 def place_text(row: CriterionRow) -> str:

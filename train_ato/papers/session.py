@@ -356,8 +356,8 @@ def section(paper: c.Paper, rows: Iterable[Row], results: c.Results, figures: It
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table; rows may be shorter than the head."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join("| " + " | ".join(_cell(entry) for entry in line) + " |\n" for line in lines)
+    lines = ([" ".join(str(entry).split()).replace("|", "\\|") or "-" for entry in line] for line in rows)
+    return "".join(f"| {' | '.join(line)} |\n" for line in (heads, ["---"] * len(heads), *lines))
 
 
 def by_lines(text: str) -> str:
@@ -369,7 +369,3 @@ def by_lines(text: str) -> str:
     'rms <= 2 (paper; table 1): 1<br>largest <= 3 (goal): 2'
     """
     return re.sub(r"; (?![^(]*\))", "<br>", text)
-
-
-def _cell(entry: Any) -> str:
-    return " ".join(str(entry).split()).replace("|", "\\|") or "-"

@@ -167,13 +167,6 @@ class ReplayLog:
                 raise mcap_records.Damage("no chunk at the position in the index")
             yield from self._known.messages(mcap_records.chunk_content(self._file.read(length)))
 
-    def _chunk_of(self, moment_ns: int) -> int:
-        """Return the first chunk to read for the messages from a time on."""
-        first = bisect_left(range(len(self._chunks) - 1), moment_ns, key=lambda place: self._span(place)[1])
-        while first > 0 and self._span(first - 1)[1] >= moment_ns - DISORDER_NS:
-            first -= 1
-        return first
-
     def _holding(self, topics: Collection[str]) -> Iterator[int]:
         """Return the chunks that may contain messages of the topics."""
         numbers = {number for number, channel in self._known.channels.items() if channel.topic in topics}
@@ -191,7 +184,9 @@ class ReplayLog:
         if not self._chunks:
             yield from mcap_records.stream(self.path)
             return
-        first = self._chunk_of(from_ns)
+        first = bisect_left(range(len(self._chunks) - 1), from_ns, key=lambda place: self._span(place)[1])
+        while first > 0 and self._span(first - 1)[1] >= from_ns - DISORDER_NS:
+            first -= 1
         for place in self._holding(topics):
             if place >= first:
                 yield from self._messages_in(place)

@@ -231,7 +231,14 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
     axes = figure.subplots(panels, 1, sharex=True)
     long = bool(result.stamp[-1] * 1e-9 > LONG_RUN_S)
     time: Array = result.stamp.astype(np.float64) * (1e-9 / 60 if long else 1e-9)
-    _draw_speed(axes[0], result, time)
+    speeds = (
+        ("profile", "profile", result.reference, 2.2, 0.65),
+        ("measured_speed", "measured", result.velocity, 1.0, 1),
+    )
+    for key, label, speed, width, alpha in speeds:
+        axes[0].plot(time, 3.6 * speed, color=QUANTITIES[key].colour, lw=width, alpha=alpha, label=label)
+    axes[0].set_ylabel("speed in km/h\n(both as recorded)")
+    _legend(axes[0], 2)
     _draw_pair(
         axes[1], time, (result.recorded.sum(axis=1) / 1e3, recorded), (result.replayed.sum(axis=1) / 1e3, replayed)
     )
@@ -245,13 +252,6 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
     axes[-1].set_xlabel("time in min" if long else "time in s")
     figure.suptitle(title)
     write_figure(figure, path)
-
-
-def _draw_speed(panel: Axes, result: OpenLoop, time: Array) -> None:
-    panel.plot(time, 3.6 * result.reference, color=QUANTITIES["profile"].colour, lw=2.2, alpha=0.65, label="profile")
-    panel.plot(time, 3.6 * result.velocity, color=QUANTITIES["measured_speed"].colour, lw=1.0, label="measured")
-    panel.set_ylabel("speed in km/h\n(both as recorded)")
-    _legend(panel, 2)
 
 
 def _draw_pair(panel: Axes, time: Array, recorded: tuple[Array, str], replayed: tuple[Array, str]) -> None:

@@ -153,10 +153,14 @@ class Player:
     def turn(self, seconds: float, moment_ns: int) -> None:
         """Process service calls for a time [s] at most; publish ``/clock`` when it is due."""
         if self._clock is not None and self._period is not None:
+            from rosgraph_msgs.msg import Clock
+
             now = time.monotonic()
             if now >= self._next_clock:
                 self._next_clock = max(self._next_clock + self._period, now)
-                self._clock.publisher.publish(_clock_message(moment_ns))
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = divmod(moment_ns, 1_000_000_000)
+                self._clock.publisher.publish(message)
             seconds = min(seconds, max(0.0, self._next_clock - now))
         self._executor.spin_once(timeout_sec=seconds)
 
@@ -178,7 +182,9 @@ class Player:
             found = self._met()
             if found != seen:
                 seen, quiet = found, now
-            missing = any(matched < there for there, matched in found[0]) or 0 < self._participants() < self._sockets()
+            # discovered DDS participants, this one included; 0 for a middleware without the topic
+            participants = len(self.node.get_publishers_info_by_topic("ros_discovery_info", no_mangle=True))
+            missing = any(matched < there for there, matched in found[0]) or 0 < participants < self._sockets()
             if not missing and now - quiet >= min(_QUIET_S, most_s):
                 return True
             if now >= last:
@@ -190,10 +196,6 @@ class Player:
         senders = [*self._senders.values(), *([self._clock] if self._clock is not None else [])]
         pairs = tuple((self._fitting(sender), sender.publisher.get_subscription_count()) for sender in senders)
         return pairs, len(self.node.get_node_names_and_namespaces())
-
-    def _participants(self) -> int:
-        """Return the number of discovered DDS participants, this one included; 0 for a middleware without the topic."""
-        return len(self.node.get_publishers_info_by_topic("ros_discovery_info", no_mangle=True))
 
     def _sockets(self) -> int:
         """Return the number of DDS participants with a discovery socket in this network namespace."""
@@ -257,14 +259,6 @@ def _class_of(topic: LogTopic) -> Any:
             f"{topic.name}: messages of type {topic.type} are not installed; install them, or exclude the topic "
             "with --exclude-topics"
         ) from None
-
-
-def _clock_message(moment_ns: int) -> Any:
-    from rosgraph_msgs.msg import Clock
-
-    message = Clock()
-    message.clock.sec, message.clock.nanosec = divmod(moment_ns, 1_000_000_000)
-    return message
 
 
 SERVICES = (

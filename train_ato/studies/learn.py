@@ -395,7 +395,8 @@ def learn_runs(
     if not 0.0 <= gust_shift <= 86_400.0:
         raise ValueError(f"gust-shift {gust_shift:g}: out of range; give 0 to 86400 s")
     average = RunAverage(setup.profile, spacing, memory, setup.model.learned)
-    parts, path = PartCache(), setup.folder / "scenario.yaml"
+    parts, path, base = PartCache(), setup.folder / "scenario.yaml", setup.scenario
+    stack = f"law {base.law}, observer {base.observer}, compensation {base.compensation}"
     result = LearnResult(setup.model.learned or _empty(setup, spacing))
     with share_bar(f"{setup.scenario.name}, {runs} runs", shown=shown) as report:
         for number in range(runs + 1):
@@ -414,7 +415,8 @@ def learn_runs(
             result.metrics.append(row["metrics"])
             if number < runs:
                 _add(average, row, name, result.unused)
-                result = replace(result, learned=_learned(average, setup, spacing, _source(setup, average.runs)))
+                source = f"{average.runs} runs of {base.name}, {stack}, seeds from {base.seed}"
+                result = replace(result, learned=_learned(average, setup, spacing, source))
     return result
 
 
@@ -503,12 +505,6 @@ def _learned(average: RunAverage, setup: RunSetup, spacing: float, source: str) 
     begin, resistance = average.mean()
     update = {"source": source, "runs": average.runs, "begin": begin, "resistance": resistance}
     return _empty(setup, spacing).model_copy(update=update)
-
-
-def _source(setup: RunSetup, runs: int) -> str:
-    scenario = setup.scenario
-    stack = f"law {scenario.law}, observer {scenario.observer}, compensation {scenario.compensation}"
-    return f"{runs} runs of {scenario.name}, {stack}, seeds from {scenario.seed}"
 
 
 FIGURES = {

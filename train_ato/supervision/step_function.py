@@ -97,13 +97,8 @@ def lowest_under_train(grades: Sequence[tuple[float, float]], length: float) -> 
         while first < len(local.bounds) and local.bounds[first] <= front - length:
             first += 1
         lowest.append(min(local.values[first : last + 1]))
-    return _merged(bounds, lowest)
-
-
-def _merged(bounds: Sequence[float], values: Sequence[float]) -> StepFunction:
-    """Return a step function without bounds between equal values."""
-    kept = [i for i in range(len(bounds)) if values[i] != values[i + 1]]
-    return StepFunction(tuple(bounds[i] for i in kept), (values[0], *(values[i + 1] for i in kept)))
+    kept = [i for i in range(len(bounds)) if lowest[i] != lowest[i + 1]]
+    return StepFunction(tuple(bounds[i] for i in kept), (lowest[0], *(lowest[i + 1] for i in kept)))
 
 
 def gradient_acceleration(

@@ -38,7 +38,7 @@ def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case
     minutes = max(time[-1] for time in times) > LONG_RUN_S
     for index, (label, setup, recording) in reversed(list(enumerate(drawn))):
         assert recording is not None
-        part = _part(demo, recording)
+        part = slice(*np.searchsorted(recording.time, demo.span or (-np.inf, np.inf)))
         time = recording.time[part] / (60.0 if minutes else 1.0)
         style = {"color": COLOURS[index], "lw": 1.8 if index else 1.0, "alpha": 0.7 if index else 1.0, "label": label}
         upper.plot(*thinned(time, _error(demo, setup, recording)[part]), **style)
@@ -63,22 +63,10 @@ def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case
     for panel in (upper, lower):
         panel.margins(x=0.01)
     upper.set_title(drawn[0][1].scenario.name, loc="left", fontsize="small")
-    save_small(figure, path)
-
-
-def save_small(figure: Figure, path: Path) -> None:
-    """Write a figure as a PNG with few colours: a fifth of the size, without a visible difference."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    buffer.seek(0)
-    Image.open(buffer).convert("RGB").quantize(COLOURS_OF_PNG).save(path, optimize=True)
-
-
-def _part(demo: DemoRun, recording: Recording) -> slice:
-    if demo.span is None:
-        return slice(0, recording.time.size)
-    begin, end = np.searchsorted(recording.time, demo.span)
-    return slice(int(begin), int(end))
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png")
+    picture.seek(0)  # few colours: a fifth of the size, without a visible difference
+    Image.open(picture).convert("RGB").quantize(COLOURS_OF_PNG).save(path, optimize=True)
 
 
 def _error(demo: DemoRun, setup: RunSetup, recording: Recording) -> Array:

@@ -368,12 +368,8 @@ def _range(entry: Parameter) -> str:
 def measured_table(rows: list[Mapping[str, Any]]) -> list[str]:
     """Return the table of the measured runs."""
     used = [(key, title) for key, title in COLUMNS if any(row.get(key) is not None for row in rows)]
-    cells = ([row["run"], *(_cell(row.get(key)) for key, _ in used)] for row in rows)
+    cells = ([row["run"], *(format_value(row.get(key)) for key, _ in used)] for row in rows)
     return table_lines(("run", *(title for _, title in used)), cells)
-
-
-def _cell(value: Any) -> str:
-    return value if isinstance(value, str) else format_value(value)
 
 
 def index(measured: Measured) -> str:

@@ -135,15 +135,11 @@ class GymnasiumVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]  # a
         self.run_envs.close()
 
 
-def env_id(scenario: str) -> str:
-    """Return the name of the environment of a shipped scenario."""
-    return f"train_ato/{''.join(part.capitalize() for part in scenario.split('_'))}-v{VERSION}"
-
-
 def _register() -> None:
     """Register the shipped scenarios, without an import of their model, which needs the compiler."""
     for path in sorted((Path(str(files("train_ato"))) / "scenario" / "shipped").glob("*.yaml")):
-        if (name := env_id(path.stem)) not in gymnasium.registry:
+        name = f"train_ato/{''.join(part.capitalize() for part in path.stem.split('_'))}-v{VERSION}"
+        if name not in gymnasium.registry:
             single, vector = (f"{__name__}:{kind.__name__}" for kind in (GymnasiumEnv, GymnasiumVectorEnv))
             kwargs = {"scenario": path.stem}
             gymnasium.register(name, entry_point=single, vector_entry_point=vector, kwargs=kwargs)

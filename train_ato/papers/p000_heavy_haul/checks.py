@@ -321,11 +321,6 @@ def _network_errors(result: c.Result, parameters: RbfSmcParameters) -> Array:
     return np.asarray(error[run.time > SETTLED])
 
 
-def _miss(time: Array, found: Array, truth: Array) -> float:
-    later = time > SETTLED
-    return float(np.sqrt(np.mean((found - truth)[later] ** 2)))
-
-
 @CLAIMS.judged_by(
     "the NDO observes the fast disturbance",
     "precisely",
@@ -338,7 +333,8 @@ def estimate_accuracy(results: c.Results) -> c.Judgement:
     for key, label in (("rbf_ndo disturbed", "1000"), ("rbf_ks_ndo disturbed", "20")):
         run = c.recording(results[key])
         truth = unexplained(run, PERIOD, 0.01, disturbance_40(run, PERIOD))
-        miss, size = _miss(run.time, run.estimate[:, 0] / LOCOMOTIVE, truth), float(np.std(truth))
+        error, size = (run.estimate[:, 0] / LOCOMOTIVE - truth)[run.time > SETTLED], float(np.std(truth))
+        miss = float(np.sqrt(np.mean(error**2)))
         shares.append(miss / size)
         texts.append(f"{miss:.1e} at {label} 1/s")
     noisy = c.rms_kmh(results["ndo 1000 noise"]) / c.rms_kmh(results["ndo 20 noise"])

@@ -55,7 +55,9 @@ def _chattering(results: Results, folder: Path) -> FigureFile:
     figure, axes = panels(3, "command of the relay (9) and of the network (12), per mass", height=2.6, shared=False)
     relay, network = recording(results["ideal sign"]), recording(results["ideal rbf"])
     whole, detail = axes[:2]
-    time, low, high = interval_range(relay.time, relay.command[:, 0] / INERTIA, 5.0)
+    starts = np.unique(np.searchsorted(relay.time, np.arange(relay.time[0], relay.time[-1], 5.0)))
+    time, pull = relay.time[starts], relay.command[:, 0] / INERTIA
+    low, high = np.minimum.reduceat(pull, starts), np.maximum.reduceat(pull, starts)
     whole.fill_between(time, low, high, step="post", color=COLOURS[0], alpha=0.35, lw=0, label="sgn(s), range of 5 s")
     trace(
         whole,
@@ -78,12 +80,6 @@ def _chattering(results: Results, folder: Path) -> FigureFile:
     trace(axes[2], lines, "v - v_d in m/s\nlag 0.4 s, delay 0.3 s", minutes=False)
     axes[2].set_xlabel("time in s")
     return save(figure, folder / "paper001_chattering.png")
-
-
-def interval_range(time: Array, values: Array, width: float) -> tuple[Array, Array, Array]:
-    """Return begin [s], minimum and maximum of consecutive intervals of ``width`` [s]."""
-    starts = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], width)))
-    return time[starts], np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
 
 
 def _disturbed(results: Results, folder: Path) -> FigureFile:

@@ -248,14 +248,6 @@ def _row(results: c.Results, law: str, settings: Iterable[str]) -> list[str]:
     return [LAWS[law][0], *(f"{place:.2f} / {coupler:.2f}" for place, _, coupler in found)]
 
 
-def _table_rows(results: c.Results) -> Sequence[Sequence[Any]]:
-    return [_row(results, law, (f"{delay}" for delay in DELAYS if f"{law} {delay}" in results)) for law in LAWS]
-
-
-def _ratio_rows(results: c.Results) -> Sequence[Sequence[Any]]:
-    return [_row(results, law, (f"x{ratio}" for ratio in judge.RATIOS)) for law in ("unit", "common", "common damped")]
-
-
 def _observer_rows(results: c.Results) -> Sequence[Sequence[Any]]:
     return [
         [
@@ -284,12 +276,14 @@ PAPER = c.Paper(
         c.CaseTable(
             "realistic version: position rms / largest coupler stretch in m over the delay",
             ("law", *(f"{delay:g} s" for delay in DELAYS)),
-            _table_rows,
+            lambda found: [_row(found, law, (f"{x}" for x in DELAYS if f"{law} {x}" in found)) for law in LAWS],
         ),
         c.CaseTable(
             "the same over the ratio of true to modelled delay (modelled 0.8 s)",
             ("law", *(f"{ratio:g}" for ratio in judge.RATIOS)),
-            _ratio_rows,
+            lambda found: [
+                _row(found, law, (f"x{ratio}" for ratio in judge.RATIOS)) for law in ("unit", "common", "common damped")
+            ],
         ),
         c.printed_forms_table(judge.PRINTED_FORMS),
     ),

@@ -194,7 +194,7 @@ def _supervise(
         if plant.counts and not interrupt.asked:
             restarts.step()
         if failure := _failure(nodes):
-            if not _plant_ends_run(nodes):
+            if not plant.counts or plant.failure or nodes[Role.RECORDER].failure:
                 return failure
             _report_lost(nodes)
         if interrupt.asked and not stopped:
@@ -218,12 +218,6 @@ def _supervise(
     plant.ends_within(LEAVING_S)
     _end_all(nodes, failed=bool(failure := _failure(nodes)))
     return failure or _failure(nodes)
-
-
-def _plant_ends_run(nodes: dict[Role, NodeProcess]) -> bool:
-    """Return True if the plant has begun and is to end the run without the failed nodes."""
-    needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
-    return bool(nodes[Role.PLANT].counts) and not any(node.failure for node in needed)
 
 
 def _report_lost(nodes: dict[Role, NodeProcess]) -> None:

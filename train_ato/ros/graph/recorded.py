@@ -34,7 +34,11 @@ def recorded_result(
     if (folder / LOG).is_file():
         try:
             recording = read_recording(folder, setup)
-            _check(recording)
+            RunChanges.of(recording.changed_reports)  # as the codec does with single messages
+            finite = {topic: samples.values for topic, samples in recording.topics.items() if BY_NAME[topic].finite}
+            for topic, values in finite.items():
+                if not all(np.isfinite(column).all() for column in values.values()):
+                    raise ValueError(f"{topic}: a value is not finite")
         except ValueError:
             recording, failure = _readable_part(setup, folder)
     return RunResult.of(
@@ -49,20 +53,6 @@ def recorded_result(
         interruption=end.interruption or "",
         outside=outside,
     )
-
-
-def _check(recording: Recording) -> None:
-    """Check the values that the codec checks in single messages.
-
-    Raises
-    ------
-    ValueError
-        For a value that is not finite, or changes that this version cannot read.
-    """
-    RunChanges.of(recording.changed_reports)
-    for topic, samples in recording.topics.items():
-        if BY_NAME[topic].finite and not all(np.isfinite(values).all() for values in samples.values.values()):
-            raise ValueError(f"{topic}: a value is not finite")
 
 
 def _readable_part(setup: RunSetup, folder: Path) -> tuple[Recording, str | None]:

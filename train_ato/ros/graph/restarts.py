@@ -68,10 +68,6 @@ class Restarts:
         for role in self._joining:
             self._nodes[role].release()
 
-    def _joins(self, node: NodeProcess) -> bool:
-        """Return True for a new process without endpoints: it has met no other node yet."""
-        return node.role in self._joining and not node.joined
-
     def _replace(self, role: Role) -> None:
         """Start a new process in place of an ended one, unless the limit is reached."""
         old = self._nodes[role]
@@ -86,7 +82,8 @@ class Restarts:
         self.begun[role] += 1
         reason = old.failure.partition(" failed: ")[2]
         notice = Notice(NoticeKind.AWAY, role, f"{self.begun[role]} {reason}")
-        self._met[role] = [other for other in self._nodes.values() if other is not old and not self._joins(other)]
+        new = [node for node in self._nodes.values() if node.role in self._joining and not node.joined]
+        self._met[role] = [other for other in self._nodes.values() if other is not old and other not in new]
         for other in self._met[role]:
             other.send(notice)
         old.release()

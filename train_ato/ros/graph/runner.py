@@ -76,7 +76,9 @@ def _with_notes(outcome: RunResult, end: GraphResult) -> RunResult:
     """Add restarts and ignored messages to the summary, and write a line about each."""
     summary = dict(outcome.summary)
     if end.restarts:
-        sys.stderr.write(f"train-ato: {_restarted(end.restarts)}\n")
+        times = {name: {1: "once", 2: "twice"}.get(count, f"{count} times") for name, count in end.restarts.items()}
+        listed = "; ".join(f"node {name} was restarted {text}" for name, text in times.items())
+        sys.stderr.write(f"train-ato: {listed}\n")
         summary["restarts"] = end.restarts
     if end.ignored:
         listed = ", ".join(f"{node} {count}" for node, count in end.ignored.items())
@@ -100,13 +102,6 @@ def _run(
 
         run = run_beside_plant if mode == "processes" else run_composed
         return run(setup, folder, domain, options, report)
-
-
-def _restarted(restarts: dict[str, int]) -> str:
-    """Return the restarted nodes and their numbers of restarts as text."""
-    times = {1: "once", 2: "twice"}
-    parts = [f"node {name} was restarted {times.get(count, f'{count} times')}" for name, count in restarts.items()]
-    return "; ".join(parts)
 
 
 def _tidy(log_folder: Path) -> None:

@@ -81,14 +81,12 @@ class OutsidePlant:
         """End of the run with status and reason."""
         notice = self._recorder.endpoints.end
         told = None if notice is None else RunEnd.of(notice)
-        interruption = self._interruption
-        if told is not None and told.status not in (DONE, FAILED):
+        failure, interruption = self._recorder.endpoints.watch.failure, self._interruption
+        if told is not None and told.status == FAILED:
+            failure = failure or told.reason
+        elif told is not None and told.status != DONE:
             interruption = told.reason
-        return RunEnd.judged(self.tick, self._setup.ticks, self._failure(told), interruption)
-
-    def _failure(self, told: RunEnd | None) -> str | None:
-        failed = told is not None and told.status == FAILED
-        return self._recorder.endpoints.watch.failure or (told.reason if told is not None and failed else None)
+        return RunEnd.judged(self.tick, self._setup.ticks, failure, interruption)
 
     def request_stop(self, reason: str = "stopped by a request") -> None:
         """End the run at once."""

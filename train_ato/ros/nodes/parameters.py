@@ -39,34 +39,27 @@ class Declared:
 def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
     """Declare parameters on a node and return their values, with the start parameters applied."""
     names = [parameter.name for parameter in parameters]
-    for given in node._parameter_overrides:
+    overrides = node._parameter_overrides
+    for given in overrides:
         known = given in names or given in _CLOCK or _of_another_node(given)
         if not known and not given.startswith("qos_overrides."):
             raise ValueError(unknown_parameter(node.get_name(), given, names))
-    _make_doubles(node, parameters)
     values = {}
     for parameter in parameters:
+        given = overrides.get(parameter.name)
+        if isinstance(parameter.value, float) and given is not None and type(given.value) is int:
+            overrides[parameter.name] = RosParameter(parameter.name, value=float(given.value))
         try:
             values[parameter.name] = node.declare_parameter(
                 parameter.name, parameter.value, descriptor(parameter)
             ).value
         except (InvalidParameterValueException, InvalidParameterTypeException):
-            given = node._parameter_overrides.get(parameter.name)
             text = parameter.value if given is None else given.value
             raise ValueError(f"parameter {parameter.name}: {text!r} is refused; {_wanted(parameter)}") from None
         value = values[parameter.name]
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"parameter {parameter.name}: {value} is not finite; {_range(parameter.entry)}")
     return values
-
-
-def _make_doubles(node: Node, parameters: list[Declared]) -> None:
-    """Turn start parameters that are integers into doubles where the node has a double."""
-    given = node._parameter_overrides
-    for parameter in parameters:
-        found = given.get(parameter.name)
-        if isinstance(parameter.value, float) and found is not None and type(found.value) is int:
-            given[parameter.name] = RosParameter(parameter.name, value=float(found.value))
 
 
 def _of_another_node(name: str) -> bool:

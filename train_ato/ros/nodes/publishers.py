@@ -111,8 +111,8 @@ class OnePublisher:
         came = event.total_count > self._matches
         self._matches = max(self._matches, event.total_count)
         if self.begun and came:
-            back = self._lost and event.current_count == 1 and self._pinned in self._gids()
-            if not back:
+            found = [tuple(info.endpoint_gid) for info in self._publishers()]
+            if not (self._lost and event.current_count == 1 and self._pinned in found):
                 raise self._refusal()
         self._lost = event.current_count == 0
 
@@ -164,9 +164,6 @@ class OnePublisher:
     def _publishers(self) -> list[Any]:
         found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
         return [info for info in found if info.topic_type == self._topic.type]
-
-    def _gids(self) -> list[tuple[int, ...]]:
-        return [tuple(info.endpoint_gid) for info in self._publishers()]
 
     def _refusal(self) -> ValueError:
         return ValueError(f"{self._topic.name} has more than one publisher: {self._others()} too; end it")

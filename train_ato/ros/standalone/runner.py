@@ -145,12 +145,18 @@ class StandaloneRunner:
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
-            self._report_stop()
+            if self._left_early:
+                self._say(FAILURE, f"its process was ended by {self._stopped.signal}")
+            elif self.role is Role.PLANT and self.node.end.status == INTERRUPTED:
+                self._say(INTERRUPTION, self.node.end.reason)
             self._print_counts(ignored)
         elif ignored:
             sys.stderr.write(f"{self.role.value}: {ignored} {IGNORED}\n")
         if self.endpoints.watch.failure is not None:
-            self._print_failure(self.endpoints.watch.failure)
+            if self._attached:
+                self._say(FAILURE, self.endpoints.watch.failure)
+            with suppress(OSError):  # full disk
+                sys.stderr.write(f"{self.endpoints.watch.failure}\n")
         return int(self.endpoints.watch.failure is not None or self._left_early)
 
     @property
@@ -158,25 +164,11 @@ class StandaloneRunner:
         """True for an attached node that a signal has ended before the run."""
         return self._attached and bool(self._stopped.signal) and self.role is not Role.PLANT and not self.endpoints.end
 
-    def _report_stop(self) -> None:
-        """Report the signal or request that ended this node, or the run of the plant."""
-        if self._left_early:
-            self._say(FAILURE, f"its process was ended by {self._stopped.signal}")
-        elif self.role is Role.PLANT and self.node.end.status == INTERRUPTED:
-            self._say(INTERRUPTION, self.node.end.reason)
-
     def _say(self, kind: str, text: str) -> None:
         """Print a line for the process that started this one."""
         with suppress(OSError):  # the other process has ended
             sys.stdout.write(f"{kind}{' '.join(text.split())}\n")
             sys.stdout.flush()
-
-    def _print_failure(self, failure: str) -> None:
-        """Print a failure on standard error, of an attached node also on standard output."""
-        if self._attached:
-            self._say(FAILURE, failure)
-        with suppress(OSError):  # full disk
-            sys.stderr.write(f"{failure}\n")
 
     def _print(self, name: str, *values: int) -> None:
         if self._attached:

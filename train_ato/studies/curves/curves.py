@@ -196,17 +196,13 @@ def curves_by_case(
         raise ValueError(f"{dash}deviation: needs distances; name a JSON file of cases")
     else:
         result, bare = _of_scenario(case, given, dash), True
+    (_, speed), (_, place) = display_unit("km/h"), display_unit("m")
     for entry in result.values():
-        entry["curves"] = {curve: _shown_rows(rows) for curve, rows in entry["curves"].items()}
+        tables = entry["curves"].items()
+        entry["curves"] = {curve: [[row[0] * speed, row[1] * place] for row in rows] for curve, rows in tables}
     if out is not None:
         draw_curves({name: entry["curves"] for name, entry in result.items()}, Path(out))
     return result, bare
-
-
-def _shown_rows(rows: list[list[float]]) -> list[list[float]]:
-    """Return the rows of a curve in the units of display."""
-    (_, speed), (_, place) = display_unit("km/h"), display_unit("m")
-    return rows if speed == place == 1.0 else [[row[0] * speed, row[1] * place] for row in rows]
 
 
 def _of_cases(path: Path, given: Mapping[str, Any], dash: str, *, deviation: bool) -> tuple[dict[str, Any], bool]:

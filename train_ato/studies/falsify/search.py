@@ -48,7 +48,11 @@ class SearchSpace:
     def values(self, point: Array) -> dict[str, Any]:
         """Return the values of a point by key; at a nominal coordinate exactly the value of the scenario."""
         return {
-            entry.key: self.nominal_values[entry.key] if share == nominal else plain_value(entry.at(float(share)))
+            entry.key: self.nominal_values[entry.key]
+            if share == nominal
+            else float(f"{value:.12g}")
+            if isinstance(value := entry.at(float(share)), float)
+            else value
             for entry, share, nominal in zip(self.dimensions, point, self.nominal, strict=True)
         }
 
@@ -69,11 +73,6 @@ class SearchSpace:
             for entry, share, nominal in zip(self.dimensions, point, self.nominal, strict=True)
         ]
         return float(np.linalg.norm(steps))
-
-
-def plain_value(value: Any) -> Any:
-    """Return a number with twelve significant digits, other values unchanged."""
-    return float(f"{value:.12g}") if isinstance(value, float) else value
 
 
 def read_spec(path: Path) -> tuple[Dimension, ...]:
@@ -188,15 +187,11 @@ class GaussianProcess:
         self._lengths = np.full(points.shape[1], 0.8)
         for _ in range(SWEEPS):
             for axis in range(points.shape[1]):
-                self._lengths = max(self._variants(axis), key=self._likelihood)
+                variants = np.tile(self._lengths, (LENGTHS.size, 1))
+                variants[:, axis] = LENGTHS
+                self._lengths = max(variants, key=self._likelihood)
         self._factor = self._cholesky(self._lengths)
         self._weights = np.linalg.solve(self._factor.T, np.linalg.solve(self._factor, self._targets))
-
-    def _variants(self, axis: int) -> list[Array]:
-        variants = [self._lengths.copy() for _ in LENGTHS]
-        for variant, length in zip(variants, LENGTHS, strict=True):
-            variant[axis] = length
-        return variants
 
     def _cholesky(self, lengths: Array) -> Array:
         kernel = _matern(self._points, self._points, lengths)
@@ -234,13 +229,6 @@ SAME = 1e-6
 """Largest difference of the coordinates of equal points."""
 MAX_SET = 150
 """Largest number of runs in the Gaussian process: the lowest and the latest ones."""
-
-
-def first_points(nominal: Array, count: int, stream: np.random.Generator) -> Array:
-    """Return the nominal point and a Latin hypercube of ``count`` points, shape (1 + count, d)."""
-    ranks = np.array([stream.permutation(count) for _ in nominal]).T
-    cube = (ranks + stream.random((count, nominal.size))) / count
-    return np.vstack([nominal, cube])
 
 
 def next_points(
@@ -403,9 +391,10 @@ class FalsificationSearch:
     def find(self) -> None:
         """Run points until one breaks the requirement; the nominal point is the first one."""
         nominal, size = self.space.nominal, self.space.size
-        first = first_points(nominal, size + 1, self._stream)
-        self._run(first[:1], "nominal")
-        for begin in range(1, len(first), self._batch):
+        ranks = np.array([self._stream.permutation(size + 1) for _ in nominal]).T
+        first = (ranks + self._stream.random((size + 1, size))) / (size + 1)  # a Latin hypercube
+        self._run(nominal[None], "nominal")
+        for begin in range(0, len(first), self._batch):
             if self.smallest is None:
                 self._run(first[begin : begin + self._batch], "search")
         while self.smallest is None and self.left > 0:

@@ -119,14 +119,6 @@ def _free_name(named: dict[str, str]) -> str:
     return next(name for name in names if name not in named)
 
 
-def check_signals(target: RequirementTarget, setup: RunSetup, option: str = "requirement") -> None:
-    """Check that the run has the signals of the formula."""
-    if target.formula is None:
-        return
-    if reason := unavailable_signal(signals_of(parse_formula(target.formula)), setup.layout, setup.line):
-        raise ValueError(f"{option} '{target.formula}': {reason}")
-
-
 def run_target(choice: ScenarioChoice, target: RequirementTarget, changes: Changes) -> TargetRun:
     """Run a scenario with changes in the engine and return its robustness.
 
@@ -342,7 +334,10 @@ class FalsificationStudy:
         self.target = requirement_target(requirement, choice.checked, f"{dash}requirement")
         where = "over" if isinstance(over, Mapping) else f"{over}: over"
         dimensions = read_dimensions(over, where) if isinstance(over, Mapping) else searching.read_spec(Path(over))
-        check_signals(self.target, choice.prepare(), f"{dash}requirement")
+        setup, formula = choice.prepare(), self.target.formula
+        signals = [] if formula is None else signals_of(parse_formula(formula))
+        if reason := unavailable_signal(signals, setup.layout, setup.line):
+            raise ValueError(f"{dash}requirement '{formula}': {reason}")
         self.space = searching.search_space(choice, dimensions, where)
 
     def spec(self, seed: int) -> dict[str, Any]:

@@ -42,11 +42,6 @@ LOGGERS = ("distributed", "bokeh", "tornado", "asyncio")
 """Loggers of Dask, whose messages are not for users of a sweep."""
 
 
-def available_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @contextmanager
 def sweep_client(scheduler: str | None, jobs: int | None, *, dashboard: bool = False) -> Iterator[Any]:
     """Yield a Dask client; local workers end with the block.
@@ -80,7 +75,8 @@ def sweep_client(scheduler: str | None, jobs: int | None, *, dashboard: bool = F
     for name in LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores(), dashboard=dashboard)
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or cores, dashboard=dashboard)
         with dask.config.set({**quiet, **SETTINGS}), chosen as client:
             yield client
     finally:

@@ -117,7 +117,12 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
     bar = figure.colorbar(image, ax=list(panels), pad=0.01, aspect=28)
     bar.set_label(words)
     bar.outline.set_linewidth(0.5)
-    figure.legend(handles=_legend(border), loc="outside lower center", ncols=3, **LEGEND)
+    handles = [
+        Line2D([], [], color=VERMILION, lw=1.6, label=f"border: {WORDS[border]}"),
+        Patch(facecolor=FAINT, label="outside"),
+        Line2D([], [], color=INK, marker="x", ms=3.2, mew=0.6, ls="", label="run outside"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, **LEGEND)
     figure.suptitle(f"{spec.title}: {words}, and the border of stability", fontsize=8.5)
     return figure
 
@@ -158,15 +163,6 @@ def _values(dimension: Dimension, shares: Array) -> Array:
     if dimension.scale == "log":
         return dimension.low * (dimension.high / dimension.low) ** shares
     return dimension.low + shares * (dimension.high - dimension.low)
-
-
-def _legend(border: str) -> list[Any]:
-    """Return the entries of the legend."""
-    return [
-        Line2D([], [], color=VERMILION, lw=1.6, label=f"border: {WORDS[border]}"),
-        Patch(facecolor=FAINT, label="outside"),
-        Line2D([], [], color=INK, marker="x", ms=3.2, mew=0.6, ls="", label="run outside"),
-    ]
 
 
 SPREAD = 0.16
