@@ -1,7 +1,9 @@
 """Runs with all nodes in one process, or each started alone: the log of the other ways, texts of failures."""
 
+import gc
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -23,6 +26,7 @@ from recordings import commands_in, message_counts
 from waiting import LIMIT_S, pause, wait_for
 
 from msgs_docs.generate import node_page as node_docs
+from train_ato.cli import nodes
 from train_ato.cli.main import main
 from train_ato.log.mcap_records import stream
 from train_ato.log.reading import read_log
@@ -405,13 +409,20 @@ def test_a_plant_that_waits_says_for_whom(number: signal.Signals, terminals: Ter
     ("profile", [], "--scenario"),
     ("supervisor", ["--scenario=xuzhou_metro"], "the run has no supervision; set supervision.enabled: true"),
 ])  # fmt: skip
-def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, terminals: Terminals) -> None:
+def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, domain: int, capsys: Any) -> None:
     """Breaks on a traceback, another exit status than 2, or a vague message."""
-    terminals.start(role, *arguments)
-    status, said = terminals.ends()[role]
-    assert status == 2, said
-    assert says in said
-    assert len(said.strip().splitlines()) == 1, said
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
+    words = patch.object(sys, "argv", ["nodes", role, *arguments])
+    try:
+        with patch.dict(os.environ, ROS_DOMAIN_ID=str(domain)), words, pytest.raises(SystemExit) as ended:
+            runpy.run_path(nodes.__file__, run_name="__main__")
+    finally:
+        gc.enable()
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    said = capsys.readouterr()
+    assert (ended.value.code, said.out) == (2, "") and says in said.err
+    assert len(said.err.strip().splitlines()) == 1, said.err
 
 
 def test_node_page_is_that_of_the_nodes() -> None:

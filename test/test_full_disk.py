@@ -1,24 +1,31 @@
 """Full disk, as a limit on the size of files: one line with failure and remedy; no files of a run without start."""
 
 import errno
+import io
 import json
 import re
+import resource
 import shlex
 import shutil
 import subprocess
+import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 from engine_runs import setup_of
 from programs import begun, python
 from waiting import LIMIT_S, wait_for
 
+from plant_sim.train import compile_kernel
 from train_ato.api.drive import RunMode, drive, finish
 from train_ato.api.following import run_following
 from train_ato.api.following_live import run_following_live
 from train_ato.api.progress import COMPILE_NOTE
 from train_ato.api.run import Run, RunRecord
+from train_ato.api.series_folder import RowWriter
 from train_ato.cli.main import main
 from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
@@ -26,23 +33,24 @@ from train_ato.loop.engine import run_engine
 from train_ato.program.errors import FirstFailure, RunFailed
 from train_ato.scenario.following import load_following
 from train_ato.scenario.scenario_files import shipped_following
+from train_ato.studies.sweep.row import Row
 
-PROGRAM = """
-import resource, signal, sys
-from plant_sim.train import compile_kernel
-from train_ato.cli.main import main
-compile_kernel()
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
-sys.exit(main(sys.argv[2:]))
-"""
 ENVIRONMENT = {"PYTHONDONTWRITEBYTECODE": "1"}
-"""Variables of the programs: Python would leave cut files of bytecode, which later tests cannot import."""
+"""Variables of a program: Python would leave cut files of bytecode, which later tests cannot import."""
 
 
-def run(largest: int, *arguments: str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
-    """Run a command with a limit on the size of its files [bytes], after compilation of the kernel."""
-    return python("-c", program, str(largest), *arguments, **ENVIRONMENT)
+def run(largest: int, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process with a limit on the size of its files [bytes], after compilation of the kernel."""
+    compile_kernel()
+    out, err, before = io.StringIO(), io.StringIO(), resource.getrlimit(resource.RLIMIT_FSIZE)
+    bytecode = patch.object(sys, "dont_write_bytecode", True)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest, before[1]))
+    try:
+        with bytecode, redirect_stdout(out), redirect_stderr(err):
+            status = main([*words])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())
 
 
 def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
@@ -89,17 +97,14 @@ def test_every_writer_that_finds_no_room_names_its_file(tmp_path: Path, monkeypa
     Path("rec.csv").write_text("time_s,speed_kmh\n" + "".join(f"{t},{min(2 * t, 40)}\n" for t in range(40)))
     Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3, 0.4]}, set: {duration: 2}}")
     Path("o.yaml").write_text("over: {plant.lag: {from: 0.3, to: 0.5}}")
-    program = PROGRAM.replace(
-        "sys.exit(main(sys.argv[2:]))", "for words in sys.argv[2:]: print(main(shlex.split(words)))"
-    )
-    done = run(250, *WRITERS.values(), program=f"import shlex\n{program}")
-    lines = [line for line in done.stderr.splitlines() if line.startswith("train-ato: ")]
-    for line, place in zip(lines, WRITERS, strict=True):
+    for place, words in WRITERS.items():
+        said = run(250, *shlex.split(words)).stderr
+        (line,) = [line for line in said.splitlines() if line.startswith("train-ato: ")]
         known = line.startswith(
             (f"train-ato: {place}", f"train-ato: OUT {place}", "train-ato: --rerun", "train-ato: the pa")
         )
-        assert known and "File too large" in line, (place, done.stderr)
-    assert lines[0].endswith("; name another place with --out")
+        assert known and "File too large" in line, (place, said)
+        assert place != "o.html" or line.endswith("; name another place with --out")
     assert not [path for path in Path().glob("?.*") if path.name not in ("s.yaml", "o.yaml")]
 
 
@@ -220,7 +225,12 @@ def test_a_sweep_without_room_for_its_figures_names_its_runs(tmp_path: Path, mon
     def no_room(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "out/box.png")
 
+    def ran(_: object, rows: list[Row], writer: RowWriter, **__: object) -> None:
+        if not rows:
+            writer.add([{"run": 1, "point": {}, "status": "done"}])
+
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("train_ato.studies.sweep.sweep.PreparedSweep._run_missing", ran)
     monkeypatch.setattr("train_ato.studies.sweep.result.SweepResult.figures", no_room)
     Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3]}, set: {duration: 2}}")
     for kept in ("1 finished run is", "2 finished runs are"):
