@@ -13,6 +13,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 pytest_plugins = ("case_costs",)
+OF_MOTION = "brake_policies, couplers, following, gains, law_mpc, law_mpc_lines, own_trains, random_runs"
+"""Files about laws, brakes and trains."""
 HERE = Path(__file__).resolve().parent
 MODULES = filter(None, (str(HERE.parent), str(HERE), os.environ.get("PYTHONPATH")))
 os.environ["PYTHONPATH"] = os.pathsep.join(MODULES)  # for the programs that the tests start
@@ -52,6 +54,15 @@ def signals_of_a_terminal() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_ticks(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Use compiled ticks from short runs on in the files of motion: the same steps and numbers in less time."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.stem.removeprefix("test_") in OF_MOTION.split(", "):
+            patch.setattr("train_ato.loop.engine.COMPILED_FROM", 300)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -26,13 +26,15 @@ def setup_of(name: str = "demo", *assignments: str, changes: dict[str, Any] | No
 
 @contextmanager
 def no_figure() -> Iterator[None]:
-    """Leave out ``figure.png``, most of the time of a short run, where a test is about other files."""
+    """Leave out figures, also those of a comparison: most of the time of a short run, in tests of other files."""
+    from train_ato.api.compare import Comparison
     from train_ato.api.run import Run
     from train_ato.report import print_figures
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Run, "finish", Run.folder)
         patch.setattr(print_figures, "write_run_figure", lambda *_: None)
+        patch.setattr(Comparison, "drawable", False)
         yield
 
 

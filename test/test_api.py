@@ -143,6 +143,7 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
     assert not left.exists()
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_laws_need_no_registration(own_module, capsys):
     """Breaks if a law object, its class and its name differ, or a class of a registered law loses its parameters."""
     run = ta.run("demo", law=Gain(gain=0.3), set=SHORT)
@@ -314,6 +315,7 @@ def test_an_error_at_the_start_of_an_own_component_has_its_file_and_line(
     assert f"ZeroDivisionError: division by zero, {tmp_path / module}_all.py:2" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("without_figure")
 @pytest.mark.parametrize(("law", "error", "status"), [(Breaking, ta.RunFailed, "failed"),
                                                      (Pressing, KeyboardInterrupt, "interrupted")])  # fmt: skip
 @pytest.mark.parametrize("kept", [True, False])
@@ -467,6 +469,7 @@ def test_a_run_in_a_thread(tmp_path):
     assert found[0].metrics["status"] == "done"
 
 
+@pytest.mark.usefixtures("without_figure")
 @pytest.mark.parametrize("held", ["in memory", "in a temporary folder", "saved"])
 def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a run from a worker needs the temporary or the present folder of the worker, or cannot be sent."""
@@ -486,6 +489,7 @@ def test_a_run_of_another_process_has_its_record(held: str, tmp_path: Path, monk
     assert same.save(tmp_path / "copy") == tmp_path / "copy" and ta.verify(tmp_path / "copy").equal
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_saved_run_that_is_moved_is_named(tmp_path: Path) -> None:
     """Breaks if the reading of a table tries to write the log again."""
     run = ta.run("demo", set={"duration": 5}, out=tmp_path / "run")

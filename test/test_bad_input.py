@@ -131,6 +131,7 @@ def test_a_middleware_that_is_not_installed(command, tmp_path, monkeypatch, caps
     refused(words, message, tmp_path, monkeypatch, capsys)
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_summary_that_is_none(tmp_path, monkeypatch, capsys):
     """Breaks if an edited summary ends in a traceback, or the message does not name the file."""
     monkeypatch.chdir(tmp_path)

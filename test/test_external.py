@@ -82,7 +82,7 @@ def test_a_controller_of_ones_own_drives_as_the_same_law_inside(free_domain: int
     """Breaks if a program must send more than commands, or they act at another tick or in the next run."""
     # in motion from the begin: at standstill the controller of the project uses no law
     changes = {
-        "duration": 15, "supervision.enabled": False, "plant.start": {"speed_kmh": 50}, "profile.phases": None,
+        "duration": 6, "supervision.enabled": False, "plant.start": {"speed_kmh": 50}, "profile.phases": None,
         "profile.points": [{"time": 0, "speed_kmh": 50}, {"time": 800, "speed_kmh": 52}],
         "profile.allow_rolling_end": True,
     }  # fmt: skip

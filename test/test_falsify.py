@@ -156,7 +156,7 @@ def test_the_written_scenario_reproduces_the_break(cheap: str, tmp_path: Path, c
     spec.write_text(json.dumps({"over": {**MASS, **DELAY}}))
     out = tmp_path / "out"
     arguments = [cheap, "--requirement", SLOW, "--over", str(spec), "--out", str(out)]
-    assert main(["falsify", *arguments, "--runs", "25", "--json"]) == 0
+    assert main(["falsify", *arguments, "--runs", "10", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["found"] and found["robustness"] < 0
     rows = (out / "runs.csv").read_text().splitlines()

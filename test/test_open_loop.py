@@ -157,7 +157,7 @@ def forces() -> dict[str, tuple[Recording, Array]]:
     """Return recording and coupler forces [N] of the four trains of the example, shape (ticks, couplers)."""
     found = {}
     for case in CASES:
-        run = ta.run(f"{EXAMPLE}:{case}", set={"tick": 0.1, "duration": 420})
+        run = ta.run(f"{EXAMPLE}:{case}", set={"tick": 0.1, "duration": 241})
         assert run.recording is not None
         kept = run.recording.of(TRUTH, "coupler_force")
         assert kept is not None

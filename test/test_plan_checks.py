@@ -674,6 +674,7 @@ def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
     assert float(resistance[0]) * 6000 <= bound <= 3.6e6 * result.summary()["energy_kwh"]
 
 
+@cache
 def short_section(seed: int, factor: float) -> Plan:
     line, consist, settings = random_case(seed)
     settings = settings.model_copy(update={"jerk": None, "calling": False})

@@ -283,6 +283,7 @@ def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.Capture
     assert set(summary) - set(plain) == {*new, *others.split(), "ato_disengaged_s"}
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_comparison_names_the_braked_law(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Breaks if a law that the supervisor replaced is compared without a notice."""
     options = ["compare", "demo", "--laws=pid,smc", "--set=duration=6", "--out", str(tmp_path / "both")]

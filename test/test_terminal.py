@@ -161,6 +161,7 @@ def test_the_output_of_a_run_fits_a_screen_and_its_page_explains_every_line(tmp_
     assert len(printed) > 10 and printed | {metric_heading(key) for key in (*RESULTS, *PROTECTION)} <= explained
 
 
+@pytest.mark.usefixtures("without_figure")
 @pytest.mark.parametrize("mode", [[], ["--processes"]])
 def test_a_graph_run_prints_its_domain(mode: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Breaks if the domain of a run is missing off a terminal, or mixed with the result."""
@@ -293,6 +294,7 @@ def compared(folder: Path, *options: str) -> int:
     return main(["compare", *options, *short, f"--out={folder / 'compared'}"])
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_leaderboard_counts_the_laws_over_scenarios_and_seeds(tmp_path: Path, capsys) -> None:
     """Breaks if a run is counted twice or for another law, a seed is repeated, or a refused law has a run."""
     words = ["--laws=pid,lag_smc", "--seeds=2", "--seed=4", "--set=plant.lag=0.4", "--set=model.lag=0"]
@@ -330,6 +332,7 @@ def test_ctrl_c_keeps_the_finished_comparisons(tmp_path, monkeypatch, capsys) ->
     assert "ended after 2 of 4 comparisons" in (tmp_path / "compared" / "leaderboard.md").read_text()
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if printed gains run in silence, fitted ones have a note, or `laws: {}` counts as a choice of gains."""
     options = ["--set=laws.smc.gains=printed", "--set=laws.lag_smc.c1=0.4", "--set=duration=5", "--engine"]
@@ -343,6 +346,7 @@ def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.Cap
     assert "c1 given" in rows["lag_smc"]["gains_reason"]
 
 
+@pytest.mark.usefixtures("without_figure")
 def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a refused law stops the comparison, ends with status 0, or is missing in the table or the JSON."""
     laws = ["demo", "--laws=lag_smc,pid", "--compensation=twin", *SHORT]
