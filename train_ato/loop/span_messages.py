@@ -18,7 +18,7 @@ from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.loop.stages import Stages
 from train_ato.loop.supervision_kernel import SupervisionArrays
 from train_ato.messages import types as msg
-from train_ato.messages.topics import TickBlock, Values, message_at
+from train_ato.messages.topics import BY_NAME, TickBlock, Values, message_at
 from train_ato.supervision.step_function import SupervisionSpeeds
 from train_ato.supervision.supervisor import SupervisionDecision
 
@@ -83,7 +83,7 @@ class SupervisionMessages:
         front = self._steps["front"]
         foremost = front + self._steps["position_error"]
         limits = (self._steps[name] for name in SupervisionSpeeds._fields)
-        self.rows: dict[str, Values] = {
+        self.rows: dict[str, Values] = {  # in the order of the fields
             ODOMETRY: {name: self._readings[name] for name in ("position", "speed", "since_balise")},
             PROTECTION: {"active": np.zeros((count, 3))},
             rec.SUPERVISED_SPEEDS: {
@@ -102,7 +102,10 @@ class SupervisionMessages:
     def at(self, number: int) -> dict[str, Any]:
         """Return the messages of a step by topic."""
         stamp = int(self._stamps[number])
-        return {topic: message_at(topic, stamp, values, number) for topic, values in self.rows.items()}
+        return {
+            topic: BY_NAME[topic].message(stamp, *[column[number] for column in values.values()])
+            for topic, values in self.rows.items()
+        }
 
     def record(self, recording: RecordingBuilder, *, brief: bool = False) -> None:
         """Add the messages without the diagnostics to a recording as arrays; ``brief``: the states of the ATO alone."""
