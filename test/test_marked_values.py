@@ -6,7 +6,7 @@ import copy
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -323,8 +323,8 @@ def test_every_column_of_a_recorder_is_used_or_refused(tmp_path: Path, columns: 
         found = MeasuredCheck(read_table(tmp_path / "r.csv", {}, frozenset()), consist, line).run()
         profile = measured_profile(found, 0.5, 10_000.0, 1.0)
         setups.append(measured_setup(found, profile, "hxd1_c80_210", "daqin_section", "x") if not setups else setups[0])
-        series = series_of(found, replace(setups[0], profile=profile))
-        return [getattr(series, field.name) for field in fields(series)]
+        block = series_of(found, replace(setups[0], profile=profile))
+        return [values for _, row in block.rows for values in row.values()] + [block.between]
 
     base, used = read(values), 0
     for name in values:

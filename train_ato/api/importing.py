@@ -49,8 +49,8 @@ class MeasuredRun:
     def write(self, out: Path | None, option: str = "--out") -> Run:
         """Write the run folder with log, profile, summary and figure; a failure leaves none."""
         setup = self.setup
-        series = series_of(self.found, setup)
-        outcome = measured_result(setup, self.found, series, self.window)
+        block = series_of(self.found, setup)
+        outcome = measured_result(setup, self.found, block, self.window)
         attached = {SUMMARY: summary_text(outcome.summary).encode()}
         folder = RunFolder.make(out, setup.scenario.name, option)
         begin = time.perf_counter()
@@ -59,10 +59,9 @@ class MeasuredRun:
             with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached, timed=False) as sink:
 
                 def report(tick: int) -> None:
-                    if tick % 1000 == 0:
-                        progress(Progress(tick * setup.tick, setup.ticks * setup.tick, time.perf_counter() - begin))
+                    progress(Progress(tick * setup.tick, setup.ticks * setup.tick, time.perf_counter() - begin))
 
-                write_messages(setup, series, sink, report)
+                write_messages(setup, block, sink, report)
             self.write_profile(folder.path / PROFILE)
             folder.finish(setup, outcome)
             from train_ato.report.print_figures import write_run_figure  # matplotlib: not needed before the end

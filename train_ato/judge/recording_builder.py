@@ -14,6 +14,7 @@ from train_ato.judge import recording as rec
 from train_ato.judge.kept_samples import KeptSamples
 from train_ato.judge.repeated_reports import KeptReports, RepeatedReport
 from train_ato.judge.series import TopicSamples, seconds
+from train_ato.messages.topics import TickBlock
 from train_ato.messages.types import Array, Trajectory
 from train_ato.scenario.setup import RunSetup
 
@@ -126,6 +127,13 @@ class RecordingBuilder:
             self._others[topic] += len(stamps)
             return
         self.extend_reduced(topic, stamps, self._kept(topic, values))
+
+    def add_ticks(self, block: TickBlock) -> None:
+        """Add the messages of some ticks."""
+        for topic, values in block.rows:
+            self.extend_rows(topic, block.stamps, {name: values[name] for name in rec.FIELDS.get(topic, ())})
+        for _, topic, message in (entry for messages in block.between.values() for entry in messages):
+            self.add(topic, message, 0)
 
     def extend_reduced(self, topic: str, stamps: NDArray[np.int64], values: dict[str, Array]) -> None:
         """Add messages of a recorded topic as in :meth:`extend_rows`, with the values of :func:`reduced`."""

@@ -323,6 +323,12 @@ class TickBlock:
     rows: list[tuple[str, Values]]
     between: dict[int, list[tuple[int, str, Any]]]
 
+    def part(self, begin: int, end: int) -> "TickBlock":
+        """Return the block of some of its ticks."""
+        rows = [(topic, {field: part[begin:end] for field, part in values.items()}) for topic, values in self.rows]
+        between = {tick - begin: messages for tick, messages in self.between.items() if begin <= tick < end}
+        return TickBlock(self.stamps[begin:end], rows, between)
+
     def copy(self) -> "TickBlock":
         """Return the block with arrays of its own."""
         rows = [(topic, {field: part.copy() for field, part in values.items()}) for topic, values in self.rows]

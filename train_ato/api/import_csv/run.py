@@ -1,7 +1,6 @@
 """Conversion of a measured run: values at the ticks, scenario, messages of every tick, and summary."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,8 @@ from train_ato.judge.recording_builder import RecordingBuilder
 from train_ato.judge.result import RunResult, identity
 from train_ato.loop.engine import Sink
 from train_ato.loop.stage_messages import SECOND_NS
-from train_ato.messages.types import Array, Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
+from train_ato.messages.topics import TickBlock, Values
+from train_ato.messages.types import Array, Diagnostic, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile, limits_of, trajectory_of
 from train_ato.program.version import VERSION
@@ -48,43 +48,12 @@ ATMOSPHERE = 101.325e3
 """Difference between an absolute and a gauge pressure [Pa]."""
 
 
-@dataclass(frozen=True)
-class MeasuredSeries:
-    """Measured run at k ticks for u power units, in SI.
-
-    Attributes
-    ----------
-    position, velocity, applied, command : Array, shape (k, u)
-        States and forces of every power unit.
-    reference_velocity, reference_acceleration : Array, shape (k,)
-        Recorded reference; otherwise the profile.
-    pressure : Array or None, shape (k,)
-        Brake-pipe pressure.
-    traction, regenerated : Array, shape (k,)
-        Energy up to the tick [J].
-    commanded, referenced : bool
-        True if demand and reference were recorded.
-    """
-
-    time: Array
-    position: Array
-    velocity: Array
-    applied: Array
-    command: Array
-    reference_velocity: Array
-    reference_acceleration: Array
-    pressure: Array | None
-    traction: Array
-    regenerated: Array
-    commanded: bool
-    referenced: bool
-
-
-def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
-    """Return the measured run at the ticks, by linear interpolation.
+def series_of(found: Measured, setup: RunSetup) -> TickBlock:
+    """Return the messages of a measured run at the ticks, by linear interpolation.
 
     A total force is distributed equally over the power units.  Without a recorded demand the command is the force at
-    the wheel; without a recorded reference it is the profile.
+    the wheel; without a recorded reference it is the profile.  ``train/vehicles`` is omitted: the truth of every
+    vehicle was not measured.  The estimate is that of the observer ``none``.
     """
     if not found.force:
         raise ValueError(
@@ -102,36 +71,47 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
     _check_work(found, setup)
     _note_units(found, setup)
     _note_shift(found, setup)
+    return _block(found, setup)
+
+
+def _block(found: Measured, setup: RunSetup) -> TickBlock:
+    """Return the messages of the checked run, with those after the last tick."""
     units = setup.layout.n_units
-    time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
-    centre = setup.profile.position[: time.size] if found.position is None else found.position.at(time)
-    offsets = setup.model.offsets
-    velocity = [found.unit_speed.get(unit, found.speed).at(time) for unit in range(units)]
+    count, profile = setup.ticks + 1, setup.profile
+    time: Array = np.asarray(setup.tick * np.arange(count), dtype=np.float64)
+    centre = profile.position[:count] if found.position is None else found.position.at(time)
     position = [
-        found.unit_position[unit].at(time) if unit in found.unit_position else centre - offsets[unit]
+        found.unit_position[unit].at(time) if unit in found.unit_position else centre - setup.model.offsets[unit]
         for unit in range(units)
     ]
-    applied = _of_units(found.force, time, units)
-    v, f = np.stack(velocity, axis=1), np.stack(applied, axis=1)
-    power = (v * f).sum(axis=1)
-    reference = found.reference_speed
-    kept = reference.at(time) if reference is not None else setup.profile.velocity[: time.size]
-    return MeasuredSeries(
-        time=time,
-        position=np.stack(position, axis=1),
-        velocity=v,
-        applied=f,
-        command=np.stack(_of_units(found.command, time, units), axis=1) if found.command else f,
-        reference_velocity=kept,
-        reference_acceleration=np.gradient(kept, setup.tick)
-        if reference is not None
-        else setup.profile.acceleration[: time.size],
-        pressure=found.pressure.at(time) if found.pressure is not None else None,
-        traction=_sum(np.maximum(power, 0.0), setup.tick),
-        regenerated=_sum(np.maximum(-power, 0.0), setup.tick),
-        commanded=bool(found.command),
-        referenced=reference is not None,
-    )
+    v = np.stack([found.unit_speed.get(unit, found.speed).at(time) for unit in range(units)], axis=1)
+    f = np.stack(_of_units(found.force, time, units), axis=1)
+    speed, acceleration = profile.velocity[:count], profile.acceleration[:count]
+    if found.reference_speed is not None:
+        speed = found.reference_speed.at(time)
+        acceleration = np.gradient(speed, setup.tick)
+    none = np.zeros((count, 0))
+    seen = {"position": np.stack(position, axis=1), "velocity": v, "applied": f}
+    columns = {"position": profile.position[:count], "velocity": speed, "acceleration": acceleration}
+    expected = {name: values[:, None] for name, values in columns.items()}
+    command = np.stack(_of_units(found.command, time, units), axis=1) if found.command else f
+    rows: list[tuple[str, Values]] = [("/clock", {})]
+    rows += [] if found.pressure is None else [("train/brake_pipe", {"pressure": found.pressure.at(time)[:, None]})]
+    rows += [
+        ("train/measurement", seen | dict.fromkeys(("deflection", "rate", "force"), none)),
+        ("ato/reference", expected | {"planned": np.zeros((count, 1), np.int64)}),
+        ("ato/estimate", {"force": np.zeros((count, units))}),
+        ("ato/command", {"force": command}),
+    ]
+    stamps, power = setup.tick_ns * np.arange(count), (v * f).sum(axis=1)
+    energies = [_sum(np.maximum(each, 0.0), setup.tick).tolist() for each in (power, -power)]
+    due = [k for k, stamp in enumerate(stamps.tolist()) if stamp % SECOND_NS < setup.tick_ns or k == setup.ticks]
+    between: dict[int, list[tuple[int, str, Any]]] = {}
+    for k in due:
+        values = {"energy_traction": repr(energies[0][k]), "energy_regenerated": repr(energies[1][k])}
+        report = Diagnostic(int(stamps[k]), "plant", 0, MEASURED, values)
+        between[k] = [(len(rows) - 4, "/diagnostics", report)]
+    return TickBlock(stamps, rows, between)
 
 
 def _of_units(samples: dict[int | None, ColumnSamples], time: Array, units: int) -> list[Array]:
@@ -315,6 +295,8 @@ MAX_STEP = 0.005
 """Maximum plant step of the scenario [s]."""
 REDUCTION_STEP = 10e3
 """Resolution of the brake events from a recorded brake-pipe reduction [Pa]."""
+PORTION = 1000
+"""Number of ticks whose messages are written at once."""
 MEASURED = "measured"
 """Controller name in the summary of an imported run."""
 NOT_RECORDED = "not recorded; the force at the wheel in its place"
@@ -374,67 +356,35 @@ def _absolute(name: str) -> str:
 
 
 def write_messages(
-    setup: RunSetup,
-    series: MeasuredSeries,
-    sink: RecordingBuilder | Sink,
-    progress: Callable[[int], None] | None = None,
+    setup: RunSetup, block: TickBlock, sink: RecordingBuilder | Sink, progress: Callable[[int], None] | None = None
 ) -> None:
-    """Write the measured quantities as messages of every tick.
-
-    ``train/vehicles`` is omitted: the truth of every vehicle was not measured.  The estimate is that of the observer
-    ``none``.
-    """
+    """Write the messages of every tick, and the state after the last one."""
     sink.add("ato/profile", trajectory_of(setup.profile), 0)
     sink.add("ato/limits", limits_of(setup.line), 0)
-    none, estimate = np.zeros(0), np.zeros(setup.layout.n_units)
-    for tick in range(setup.ticks):
-        stamp = tick * setup.tick_ns
-        state = (series.position[tick], series.velocity[tick], series.applied[tick])
-        sink.add("/clock", Tick(stamp), stamp)
-        if series.pressure is not None:
-            sink.add("train/brake_pipe", Pipe(stamp, float(series.pressure[tick])), stamp)
-        if stamp % SECOND_NS < setup.tick_ns:
-            sink.add("/diagnostics", _plant_diagnostics(series, tick, stamp), stamp)
-        sink.add("train/measurement", Measurement(stamp, *state, none, none, none), stamp)
-        sink.add("ato/reference", _reference(setup, series, tick, stamp), stamp)
-        sink.add("ato/estimate", DisturbanceEstimate(stamp, estimate), stamp)
-        sink.add("ato/command", Command(stamp, series.command[tick]), stamp)
+    for first in range(0, setup.ticks, PORTION):
+        sink.add_ticks(block.part(first, min(first + PORTION, setup.ticks)))
         if progress is not None:
-            progress(tick)
-    stamp = setup.ticks * setup.tick_ns
+            progress(first)
+    stamp, ((_, topic, last),) = setup.ticks * setup.tick_ns, block.between[setup.ticks]
     sink.add("/clock", Tick(stamp), stamp)
-    sink.add("/diagnostics", _plant_diagnostics(series, setup.ticks, stamp), stamp)
+    sink.add(topic, last, stamp)
 
 
-def _reference(setup: RunSetup, series: MeasuredSeries, tick: int, stamp: int) -> Reference:
-    velocity, acceleration = series.reference_velocity[tick], series.reference_acceleration[tick]
-    return Reference(stamp, float(setup.profile.position[tick]), float(velocity), float(acceleration))
-
-
-def _plant_diagnostics(series: MeasuredSeries, tick: int, stamp: int) -> Diagnostic:
-    """Return the diagnostics of the plant with the measured energies."""
-    values = {
-        "energy_traction": repr(float(series.traction[tick])),
-        "energy_regenerated": repr(float(series.regenerated[tick])),
-    }
-    return Diagnostic(stamp, "plant", 0, MEASURED, values)
-
-
-def measured_result(setup: RunSetup, found: Measured, series: MeasuredSeries, window: float) -> RunResult:
+def measured_result(setup: RunSetup, found: Measured, block: TickBlock, window: float) -> RunResult:
     """Return recording and summary of a measured run; figures that were not measured are null.
 
     Acceleration and jerk are those of the profile, because differences of the recorded speed amplify its noise.
     """
     builder = RecordingBuilder(setup)
-    write_messages(setup, series, builder)
+    write_messages(setup, block, builder)
     recording = builder.finish()
     figures = summarise(setup, recording)
     acceleration, jerk = differences(setup.profile.velocity, setup.tick)
     figures["acceleration_max"], figures["jerk_max"] = float(np.abs(acceleration).max()), float(np.abs(jerk).max())
     unknown = {
         *NOT_MEASURED,
-        *(() if series.referenced else NEED_REFERENCE),
-        *(() if series.commanded else NEED_COMMAND),
+        *(() if found.reference_speed else NEED_REFERENCE),
+        *(() if found.command else NEED_COMMAND),
     }
     summary: dict[str, Any] = {
         **identity(setup, setup.ticks),
@@ -455,8 +405,8 @@ def measured_result(setup: RunSetup, found: Measured, series: MeasuredSeries, wi
         "measured_largest_gap_s": round(found.largest_gap, 9),
         "measured_resampled": f"linear between rows, every {setup.tick:g} s",
         "measured_profile": f"mean over {window:.3g} s, twice" if window else "the speed as it is",
-        "measured_command": "as recorded" if series.commanded else NOT_RECORDED,
-        "measured_reference": "as recorded" if series.referenced else "not recorded; the profile in its place",
+        "measured_command": "as recorded" if found.command else NOT_RECORDED,
+        "measured_reference": "as recorded" if found.reference_speed else "not recorded; the profile in its place",
         "measured_notes": "; ".join(found.notes) or None,
     }
     return RunResult(recording, summary)
