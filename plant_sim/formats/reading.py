@@ -153,7 +153,8 @@ def read_line(path: Path, selection: str = "", *, against: bool = False) -> Read
     else:
         line, form, left = _read(path, "line", selection, against=against)
         found, mirrored = ReadLine(line, form.name, left), against and "against" not in form.takes
-    _note_traps(found, place)
+    for text in (*_traps(found), *_outside(found.line)):
+        print_assumption(f"{place}: {text}")
     return replace(found, line=reversed_line(found.line)) if mirrored else found
 
 
@@ -178,7 +179,9 @@ def read_train(path: Path, *, point_mass: bool = False, selection: str = "") -> 
     else:
         consist, form, left = _read(path, "train", selection, point_mass=point_mass)
         found = ReadConsist(consist, form.name, left)
-    _note_train_traps(found.consist, str(path))
+    doubts = (f"{doubt}; check its unit" for doubt in _train_traps(found.consist))
+    for text in (*doubts, *_without_effect(found.consist)):
+        print_assumption(f"{path}: {text}")
     return found
 
 
@@ -199,30 +202,29 @@ def kinds_of(data: Any) -> dict[str, str]:
     return {entry.what: entry.name for entry in reversed(_recognised(data))}
 
 
-def _note_train_traps(consist: Consist, place: str) -> None:
-    """Name masses, lengths, forces, powers and resistances that are probably in another unit."""
+def _train_traps(consist: Consist) -> Iterator[str]:
+    """Yield masses, lengths, forces, powers and resistances that are probably in another unit."""
     weight = consist.mass * consist.gravity
-    doubts = []
     for name, kind in consist.vehicle_types.items():
         if not LIGHT * kind.length <= kind.mass <= HEAVY * kind.length:
-            doubts.append(f"{name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m")
+            yield f"{name}: mass {number_text(kind.mass)} kg on {number_text(kind.length)} m"
         if kind.rotating_mass_factor > SLUGGISH:
-            doubts.append(f"{name}: rotating_mass_factor {number_text(kind.rotating_mass_factor)}")
+            yield f"{name}: rotating_mass_factor {number_text(kind.rotating_mass_factor)}"
         a, b, c = kind.resistance.polynomial(kind.mass, consist.gravity)
         drag, own = a + 20.0 * b + 400.0 * c, kind.mass * consist.gravity
         if drag and not EASY * own <= drag <= STIFF * own:
             mass = number_text(kind.mass)
-            doubts.append(f"{name}: running resistance {number_text(drag)} N at 72 km/h for {mass} kg")
+            yield f"{name}: running resistance {number_text(drag)} N at 72 km/h for {mass} kg"
         for key, segments in (("traction", kind.traction), ("brake", kind.brake)):
             for one, other in pairwise(segments or ()):
                 last, first = one.at(one.to), other.at(one.to)
                 if last > CLIFF * first > 0.0 or first > CLIFF * last > 0.0:
                     change = f"from {number_text(last)} N to {number_text(first)} N at {number_text(one.to)} m/s"
-                    doubts.append(f"{name}: {key} changes {change}")
+                    yield f"{name}: {key} changes {change}"
     speed = consist.plan_limits.speed if consist.plan_limits else None
     if speed and speed > FAST:
-        doubts.append(f"speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h")
-    doubts += unusual_values(consist)
+        yield f"speed {number_text(speed)} m/s is {number_text(3.6 * speed)} km/h"
+    yield from unusual_values(consist)
     driven = [consist.vehicles[unit].traction for unit in consist.power_units]
     braked = [vehicle.brake for vehicle in consist.vehicles if vehicle.brake]
     for key, force in (
@@ -230,14 +232,10 @@ def _note_train_traps(consist: Consist, place: str) -> None:
         ("brake", plain_sum(max(part.at(part.to) for part in segments) for segments in braked)),
     ):
         if force and not WEAK * weight <= force <= STRONG * weight:
-            doubts.append(f"{key} {number_text(force)} N for {number_text(consist.mass)} kg")
+            yield f"{key} {number_text(force)} N for {number_text(consist.mass)} kg"
     power = plain_sum(max(part.to * part.at(part.to) for part in segments) for segments in driven)
     if power > POWERFUL * consist.mass:
-        doubts.append(f"traction power {number_text(power)} W for {number_text(consist.mass)} kg")
-    for doubt in doubts:
-        print_assumption(f"{place}: {doubt}; check its unit")
-    for loss in _without_effect(consist):
-        print_assumption(f"{place}: {loss}")
+        yield f"traction power {number_text(power)} W for {number_text(consist.mass)} kg"
 
 
 def _without_effect(consist: Consist) -> Iterator[str]:
@@ -261,54 +259,43 @@ def _without_effect(consist: Consist) -> Iterator[str]:
                 break
 
 
-def _note_traps(found: ReadLine, place: str) -> None:
-    """Name speeds and grades that are probably in another unit, and entries over another one or outside of the line."""
+def _traps(found: ReadLine) -> Iterator[str]:
+    """Yield speeds and grades that are probably in another unit, and entries over another one."""
     line = found.line
-    own = found.format == "train_ato"
     if not SHORT <= (length := line.end - line.begin) <= LONG:
-        print_assumption(f"{place}: the line is {number_text(length)} m long; check the unit of its places")
-    for text in unusual_values(line):
-        print_assumption(f"{place}: {text}; check its unit")
+        yield f"the line is {number_text(length)} m long; check the unit of its places"
+    yield from (f"{text}; check its unit" for text in unusual_values(line))
     speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
     speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
     speeds += [(f"category_limits '{row.category}'", e.speed) for row in line.category_limits for e in row.speed_limits]
     fast = [(key, speed) for key, speed in speeds if speed > FAST or _in_kmh(speed)]
+    remedy = "write speed_kmh for km/h" if found.format == "train_ato" else "check its unit"
     for key, speed in fast[:1]:
-        print_assumption(
-            f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h{_more(fast)}; "
-            + ("write speed_kmh for km/h" if own else "check its unit")
-        )
+        yield f"{key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h{_more(fast)}; {remedy}"
     if sharp := max(_lateral(line), default=None):
-        print_assumption(
-            f"{place}: curves: {number_text(sharp[0], 3)} m/s² to the side at {number_text(sharp[1])} m, with "
+        yield (
+            f"curves: {number_text(sharp[0], 3)} m/s² to the side at {number_text(sharp[1])} m, with "
             f"{number_text(3.6 * sharp[2])} km/h on a radius of {number_text(sharp[3])} m; check their units"
         )
     steep = [(k, entry.grade) for k, entry in enumerate(line.grades) if abs(entry.grade) > STEEP]
     for k, grade in steep[:1]:
-        print_assumption(
-            f"{place}: grades[{k}]: grade {number_text(grade)} is {number_text(1e3 * grade)} per mille{_more(steep)}; "
-            "check its unit"
-        )
+        per_mille = f"{number_text(1e3 * grade)} per mille{_more(steep)}"
+        yield f"grades[{k}]: grade {number_text(grade)} is {per_mille}; check its unit"
     steepest = max((abs(entry.grade) for entry in line.grades), default=0.0)
     if 0.0 < steepest < FLAT:
-        print_assumption(f"{place}: grades: the steepest is {number_text(1e3 * steepest)} per mille; check its unit")
+        yield f"grades: the steepest is {number_text(1e3 * steepest)} per mille; check its unit"
     added = (("curves", line.curves), ("tunnels", [entry for entry in line.tunnels if entry.resistance_n_per_kn]))
     for key, one, other in ((key, *pair) for key, rows in added for pair in pairwise(sorted(rows, key=_begin))):
         if other.begin < one.end - ROUNDING:
-            print_assumption(
-                f"{place}: {key}: two from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m; "
-                "their resistances add"
-            )
+            both = f"from {number_text(other.begin)} to {number_text(min(one.end, other.end))} m"
+            yield f"{key}: two {both}; their resistances add"
     for key, limits in (
         ("speed_limits", line.speed_limits),
         *((f"category_limits '{row.category}'", row.speed_limits) for row in line.category_limits),
     ):
         if limits and limits[0].at > line.begin:
-            print_assumption(
-                f"{place}: {key}: none from {number_text(line.begin)} to {number_text(limits[0].at)} m; only the train "
-                "limits the speed there"
-            )
-    _note_outside(line, place)
+            gap = f"from {number_text(line.begin)} to {number_text(limits[0].at)} m"
+            yield f"{key}: none {gap}; only the train limits the speed there"
 
 
 def _in_kmh(speed: float) -> bool:
@@ -326,8 +313,8 @@ def _lateral(line: Line) -> Iterator[tuple[float, float, float, float]]:
                 yield sideways, max(curve.begin, limit.at), limit.speed, curve.radius
 
 
-def _note_outside(line: Line, place: str) -> None:
-    """Name entries that lie outside of the line."""
+def _outside(line: Line) -> Iterator[str]:
+    """Yield entries that lie outside of the line."""
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion", "vertical_curves", "coordinates"):  # fmt: skip
         rows = getattr(line, name)
@@ -342,8 +329,8 @@ def _note_outside(line: Line, place: str) -> None:
             (beyond, "", begins, "beyond the end", line.end),
         ):
             for k in found[:1]:
-                text = f"{what}{number_text(places[k])} m lies {where} of the line, {number_text(limit)} m"
-                print_assumption(f"{place}: {name}[{k}]: {text}{_more(found)}")
+                at = f"{what}{number_text(places[k])} m"
+                yield f"{name}[{k}]: {at} lies {where} of the line, {number_text(limit)} m{_more(found)}"
 
 
 def _begin(section: LineSection) -> float:
