@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -124,9 +125,8 @@ class TableReader:
             self._add(portion)
         self._check_topics()
         frames = Frames()
-        for name in self._names():
-            table = self._table(name)
-            if table is not None and (key := self.key(name)) not in frames:
+        for name, table in chain.from_iterable(map(self._part, self._names())):
+            if (key := self.key(name)) not in frames:
                 frames[key] = table if table.index.dtype != np.int64 else self.since_begin(table)
         frames.left_out = {self.key(name): reason for name, reason in self.left_out.items()}
         return frames
@@ -163,17 +163,28 @@ class TableReader:
                 yield name, table_columns.diagnostic_texts(reports[name])
 
     def _part(self, name: str) -> Iterator[tuple[str, pd.DataFrame]]:
-        table = self._table(name)
-        if table is not None:
-            yield name, table
+        """Yield the table of the collected messages of a topic, if it has one, and remove them."""
+        with self._refusing(name):
+            if (table := self._table(name)) is not None:
+                yield name, table
 
     def _names(self) -> Iterable[str]:
         return dict.fromkeys(channel.topic for channel, _ in self._reader.channels)
 
     def _add(self, portion: tables.Portion) -> None:
-        if portion.channel.topic not in self.left_out:
-            with self._refusing(portion.channel.topic):
-                self._take(portion.channel.topic, portion)
+        """Add a portion of a topic."""
+        name, known = portion.channel.topic, _known(portion.channel.topic, portion.schema)
+        if name in self.left_out:
+            return
+        with self._refusing(name):
+            if known is not None and known.of_variable_length:
+                self._payloads.keep(name, portion.payloads)
+                return
+            if name not in self._messages:
+                types = _types(portion.schema) if known is None else typestore()
+                check = tables.check_foreign if known is None else partial(tables.check_known, known)
+                self._messages[name] = tables.TopicMessages(types, portion.schema.name, check)
+            self._messages[name].add(portion)
 
     @contextmanager
     def _refusing(self, name: str) -> Iterator[None]:
@@ -198,27 +209,7 @@ class TableReader:
             return False
         return True
 
-    def _take(self, name: str, portion: tables.Portion) -> None:
-        """Add a portion of a topic."""
-        known = _known(name, portion.schema)
-        if known is not None and known.of_variable_length:
-            self._payloads.keep(name, portion.payloads)
-            return
-        if name not in self._messages:
-            if known is not None:
-                messages = tables.TopicMessages(typestore(), portion.schema.name, partial(tables.check_known, known))
-            else:
-                messages = tables.TopicMessages(_types(portion.schema), portion.schema.name, tables.check_foreign)
-            self._messages[name] = messages
-        self._messages[name].add(portion)
-
     def _table(self, name: str) -> pd.DataFrame | None:
-        """Return the table of the collected messages of a topic and remove them; None without a table."""
-        with self._refusing(name):
-            return self._table_of(name)
-        return None
-
-    def _table_of(self, name: str) -> pd.DataFrame | None:
         known = self._known_topic(name)
         if name in self._payloads:
             assert known is not None
