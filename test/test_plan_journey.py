@@ -37,9 +37,10 @@ LATEST = 452.4
 """Arrival on the hills, 15 % above the least time [s]."""
 
 
-def journey(*between: TimingPoint, latest: float = LATEST, **settings: Any) -> Plan:
+def journey(*between: TimingPoint, latest: float = LATEST, end: float = 8000, **settings: Any) -> Plan:
     """Return the plan of a journey over the hills."""
-    points = (TimingPoint(at=0, stop=True), *between, TimingPoint(at=8000, arrival=TimeWindow(latest=latest)))
+    last = TimingPoint(at=end, arrival=TimeWindow(latest=latest), stop=True)
+    points = (TimingPoint(at=0, stop=True), *between, last)
     return plan_profile(hills(), metro(), PlanSettings(points=points, **settings))
 
 
@@ -89,12 +90,12 @@ def test_speed_windows_are_kept() -> None:
 
 
 def test_the_reserve_before_a_waiting_stop_is_used() -> None:
-    """Breaks if the train runs fast and then waits for its departure: arrival at 170 s, 47.5 kWh."""
-    stop = TimingPoint(at=3000, arrival=TimeWindow(latest=220), departure=TimeWindow(earliest=260), dwell=20)
-    held = journey(stop, latest=629.4)
+    """Breaks if the train runs fast and then waits for its departure: the least energy is 34.9 kWh."""
+    stop = TimingPoint(at=1500, arrival=TimeWindow(latest=140), departure=TimeWindow(earliest=180), dwell=20)
+    held = journey(stop, end=2500, latest=262.0)
     _, arrival, departure = held.arrivals[1]
-    assert 219.0 <= arrival <= 220 + KEPT and departure == pytest.approx(260, abs=KEPT)
-    assert held.energy < 0.7 * 47.5 * 3.6e6
+    assert 139.0 <= arrival <= 140 + KEPT and departure == pytest.approx(180, abs=KEPT)
+    assert held.energy < 35.5 * 3.6e6
 
 
 @pytest.mark.parametrize(
@@ -249,7 +250,7 @@ def test_a_climb_at_the_end_of_the_traction_envelope(top_kmh: float) -> None:
 def test_random_climbs_at_random_top_speeds() -> None:
     """Breaks for the same cause beside the cases of the table, and if a reserve there slows the whole run."""
     rng = np.random.default_rng(12)
-    for _ in range(25):
+    for _ in range(12):
         consist, asked = car(float(rng.uniform(40, 120))), PlanSettings(jerk=float(rng.uniform(0.5, 2)))
         line = climb(float(rng.uniform(1, 8)), float(rng.uniform(-20, 25)))
         fastest = plan_profile(line, consist, asked.model_copy(update={"jerk": None})).running_time
@@ -331,7 +332,7 @@ def planned(seed: int) -> Plan | None:
 
 @given(SEEDS)
 @example(1054)  # full traction on a climb without a jerk limit: 3e-5 too much if only knots that accelerate are limited
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
     """Breaks within a few cases without the reserves for grades and for steps of the envelope."""
     line, consist, asked = random_case(seed)
@@ -357,7 +358,7 @@ def test_force_and_limit_agree_with_a_sum_by_hand(seed: int) -> None:
 
 
 @given(SEEDS, st.floats(0, 1), st.floats(0, 1))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_a_replan_starts_here_needs_what_is_left_and_meets_the_stops(seed: int, when: float, left: float) -> None:
     line, consist, asked = random_case(seed)
     first = planned(seed)
