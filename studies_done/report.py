@@ -26,14 +26,14 @@ import json, sys, time
 from pathlib import Path
 from train_ato.log.recorded import open_recording
 from train_ato.report.page_data import page_data
-from train_ato.report.writing import write_run
+from train_ato.report.writing import write_page
 from train_ato.report.print_figures import write_print_figures
 begin = time.process_time()
 recording = open_recording(Path(sys.argv[1]))
 read = time.process_time()
 reduced = page_data(recording)
 downsampled = time.process_time()
-write_run(reduced, Path(sys.argv[2]) / "steps.html")
+write_page([reduced], Path(sys.argv[2]) / "steps.html", compared=False)
 written = time.process_time()
 write_print_figures(reduced, Path(sys.argv[2]), "png")
 drawn = time.process_time()

@@ -14,7 +14,7 @@ from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable
 from train_ato.scenario.setup import RunSetup
-from train_ato.studies.learn import Residual, RunAverage, residual_of, smoothed_resistance
+from train_ato.studies.learn import RunAverage, residual_of, smoothed_resistance
 
 METRO = "xuzhou_metro:disturbed"
 STACKS: dict[str, dict[str, Any]] = {
@@ -42,12 +42,10 @@ def learned() -> LearnedResistance:
 def test_estimate_is_the_unknown_line_force_at_its_place() -> None:
     """Breaks if the estimate has a delay: 0.3 s and the lag of 0.4 s move the grades by 15 m at 22 m/s."""
     run = ta.run(METRO, set={"duration": 150, "plant.disturbances": []}, progress=False)
-    found = residual_of(run.recording, run.setup.model)
-    errors = {
-        shift: np.std(found.resistance - true_resistance(run.setup, found.place - shift)) for shift in range(-20, 21, 2)
-    }
+    places, resistance = residual_of(run.recording, run.setup.model)
+    errors = {shift: np.std(resistance - true_resistance(run.setup, places - shift)) for shift in range(-20, 21, 2)}
     assert abs(min(errors, key=errors.__getitem__)) <= 2
-    assert errors[0] < 0.12 * np.std(true_resistance(run.setup, found.place))
+    assert errors[0] < 0.12 * np.std(true_resistance(run.setup, places))
 
 
 def test_smoothed_and_averaged_resistance() -> None:
@@ -64,7 +62,7 @@ def test_smoothed_and_averaged_resistance() -> None:
     places = np.arange(0.0, float(profile.position[-1]), 1.0)
     for gust in (0.0, 0.3, 0.0):
         force = np.where((places > 1000.0) & (places < 1500.0), gust, 0.0) + 0.1
-        average.add(average.estimate(Residual(places, force)))
+        average.add(average.estimate((places, force)))
     begin, found = average.mean()
     assert begin == 0.0 and found == pytest.approx([0.1] * len(found))
 

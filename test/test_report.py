@@ -35,7 +35,7 @@ from train_ato.report.events import detect_events
 from train_ato.report.page_data import MAPS, page_data, share_of
 from train_ato.report.print_figures import clock_axis, titles, write_print_figures
 from train_ato.report.summary_rows import filled_groups, run_groups
-from train_ato.report.writing import short_clock, write_comparison_page, write_run
+from train_ato.report.writing import short_clock, write_page
 
 
 @pytest.fixture(scope="module")
@@ -315,9 +315,9 @@ def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, 
     worst = Recording(topics, base.profiles, kept_reports=base.reports, name="worst", path=tmp_path)
     data = page_data(worst)
     assert set(CURVES) | set(MAPS) == set(data.curves) | set(data.maps) | {"signals"}  # own signals: not in this run
-    assert write_run(data, tmp_path / "worst.html") < 5e6
+    assert write_page([data], tmp_path / "worst.html", compared=False) < 5e6
     several = [page_data(worst, name, share_of(3)) for name in "abc"]
-    assert write_comparison_page(several, tmp_path / "several.html") < 10e6
+    assert write_page(several, tmp_path / "several.html", compared=True) < 10e6
 
 
 def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
@@ -429,5 +429,5 @@ def test_the_figures_have_verdict_limits_and_stations(tmp_path: Path, monkeypatc
     monkeypatch.setattr(print_figures, "PRINT_FIGURES", {})  # those over time are not the subject
     (written,) = write_print_figures(data, tmp_path, "svg")
     assert written.stem == "speed_over_distance" and "Castle" in written.read_text()
-    write_run(data, tmp_path / "page.html")
+    write_page([data], tmp_path / "page.html", compared=False)
     assert '"text":"Castle"' in (tmp_path / "page.html").read_text()

@@ -34,7 +34,7 @@ from train_ato.report.print_figures import SHEET_SIZE, STYLE, comparison_figure,
 from train_ato.report.quantities import axis_range
 from train_ato.report.summary_rows import GROUPS, filled_groups, shown
 from train_ato.report.words import driven_laws, longer
-from train_ato.report.writing import comparison_title, write_comparison_page, write_run
+from train_ato.report.writing import comparison_title, write_page
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEED = np.array([0.0, 20.0, 30.0])
@@ -327,7 +327,7 @@ def test_the_table_of_many_runs_can_be_read(gusty: PageData, tmp_path: Path) -> 
     """Breaks if the columns of seven runs are too narrow for their names."""
     names = [f"line_of_a_long_name_{letter}" for letter in "abcdefg"]
     runs = [replace(gusty, label=f"run {name[-1]}", facts={**gusty.facts, "line": name}) for name in names]
-    write_comparison_page(runs, tmp_path / "seven.html")
+    write_page(runs, tmp_path / "seven.html", compared=True)
     with browser() as page:
         page.open((tmp_path / "seven.html").as_uri(), 1720, 1000)
         page.wait_for("document.querySelectorAll('.facts td').length > 0")
@@ -449,7 +449,7 @@ def test_a_run_with_a_changed_law_says_so_in_every_title(tmp_path: Path) -> None
     laws = "pid → smc at 10 s, parameters changed"
     assert driven_laws(data.summary) == data.facts["law"] == laws
     assert laws in titles(data.summary)[0]
-    write_run(data, tmp_path / "page.html")
+    write_page([data], tmp_path / "page.html", compared=False)
     page = (tmp_path / "page.html").read_text()
     assert f"<h1>demo: {laws}</h1>" in page and f"<title>demo: {laws}" in page
     assert f"swapped: {laws}" in comparison_title([data, data])

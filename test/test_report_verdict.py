@@ -38,7 +38,7 @@ from train_ato.report.summary_rows import (
     typeset,
     verdict_texts,
 )
-from train_ato.report.writing import write_comparison_page
+from train_ato.report.writing import write_page
 
 
 def judged(label: str, error: float, verdict: str | None = "passed", **more: object) -> PageData:
@@ -93,10 +93,10 @@ def test_failed_criteria_are_first_with_time_and_place(capsys: pytest.CaptureFix
     broken = {"criterion": "jerk", "metric": "jerk_1s_max", "value": 0.2, "limit": 0.1, "passed": False}
     places = {"at_s": 1234.56, "km": 123.4567}
     page = judged("one", 0.1, "failed", criteria=[kept, {**broken, **places}])
-    first, second = criterion_cells([page, judged("other", 0.2)])[:2]
-    assert first.words == "jerk over 1 s, largest"
-    assert first.cells[0] == ("0.2 m/s³", "failed", " at 1234.6 s, km 123.457")
-    assert second.cells[0] == ("0.1 m", "passed", "")
+    (words, _, first), (_, _, second) = criterion_cells([page, judged("other", 0.2)])[:2]
+    assert words == "jerk over 1 s, largest"
+    assert first[0] == ("0.2 m/s³", "failed", " at 1234.6 s, km 123.457")
+    assert second[0] == ("0.1 m", "passed", "")
     print_summary({**page.summary, "stops": []}, "one")
     printed = capsys.readouterr().out
     assert "jerk over 1 s 0.2 m/s³ (limit 0.1) at 1234.6 s, km 123.457; no stop was due" in printed
@@ -134,13 +134,13 @@ def test_the_best_value_has_the_smallest_magnitude() -> None:
 def test_a_comparison_marks_the_best_values(tmp_path: Path) -> None:
     """Breaks if no value, or that of another run, is marked."""
     pages = [judged("one", 0.25), judged("two", 0.125)]
-    write_comparison_page(pages, tmp_path / "page.html")
+    write_page(pages, tmp_path / "page.html", compared=True)
     page = (tmp_path / "page.html").read_text()
     row = re.search(r"<tr[^>]*><td>speed error, rms</td>(.*?)</tr>", page, re.DOTALL)
     assert row is not None
     cells = re.findall(r'<td class="value( best)?">([^<]*)<span class="delta">([^<]*)</span>', row[1])
     assert cells == [("", "0.250", "+0.125"), (" best", "0.125", "best")]
-    assert [entry.label for entry in verdict_texts(pages)] == ["one", "two"]
+    assert [entry["label"] for entry in verdict_texts(pages)] == ["one", "two"]
 
 
 def test_signs_of_a_page() -> None:
@@ -184,9 +184,9 @@ def test_a_run_that_is_not_tracked_is_marked_as_failed() -> None:
     """Breaks if a lost train with passed criteria has a green line, or its line lacks the outcome."""
     lost = judged("lost", 0.05, tracking="lost", tracking_findings=[{"outcome": "lost", "text": "900 m behind"}])
     (text,) = verdict_texts([lost])
-    assert text.state == "failed" and text.text.startswith("lost: 900 m behind; passed (1 criterion): ")
+    assert text["state"] == "failed" and text["text"].startswith("lost: 900 m behind; passed (1 criterion): ")
     (text,) = verdict_texts([judged("good", 0.05, tracking="tracked", tracking_findings=[])])
-    assert text.state == "passed" and text.text.startswith("passed (1 criterion): ")
+    assert text["state"] == "passed" and text["text"].startswith("passed (1 criterion): ")
 
 
 def report(time: float, node: str, message: str, **values: str) -> Diagnostic:

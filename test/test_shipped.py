@@ -26,14 +26,10 @@ from plant_sim.units import Force, Length, Mass, Place, Pressure, Speed, Time
 from train_ato.program.version import VERSION
 from train_ato.scenario.criteria import Expectation
 from train_ato.scenario.scenario import expectation_of, load_scenario, raw_scenario
-from train_ato.scenario.scenario_files import shipped_following, shipped_scenarios, variants_of
+from train_ato.scenario.scenario_files import scenario_names, shipped_following, shipped_scenarios
 
 REPO = Path(__file__).resolve().parents[1]
-SCENARIOS = [
-    name
-    for stem, path in shipped_scenarios().items()
-    for name in (stem, *(f"{stem}:{variant}" for variant in variants_of(path)))
-]
+SCENARIOS = scenario_names()
 
 
 @cache

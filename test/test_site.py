@@ -18,6 +18,7 @@ from train_ato.cli import main, new
 from train_ato.cli.main import COMMANDS
 from train_ato.program.version import VERSION
 from train_ato.scenario.scenario import expectation_of
+from train_ato.scenario.scenario_files import scenario_names
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -58,7 +59,7 @@ def test_the_gallery_has_every_scenario_train_and_line(tmp_path):
     """Breaks if one is left out, a picture is not drawn, or a stored verdict is not the expected one."""
     pages = [gallery_page.scenarios_page(ROOT, tmp_path), gallery_page.trains_page(tmp_path)]
     pages.append(gallery_page.lines_page(tmp_path))
-    names = (gallery_page.scenario_names(), consist_names(), line_names())
+    names = (scenario_names(), consist_names(), line_names())
     for page, wanted in zip(pages, names, strict=True):
         assert re.findall(r"^## (.*)$", page, re.MULTILINE) == list(wanted)
         pictures = re.findall(r"!\[[^]]*\]\(([^)]*)\)", page)
@@ -96,10 +97,12 @@ def test_the_reference_has_every_key_with_its_block(kind):
 
 
 def test_the_reference_has_every_command_and_message(tmp_path):
-    """Breaks if a command has no section, or a message loses the words around its values."""
+    """Breaks if a command has no section, an argument like NAME|FILE more cells, or a message loses its words."""
     page = reference_pages.commands_page()
     assert re.findall(r"^## (.*)$", page, re.MULTILINE) == [name for name, _ in COMMANDS]
-    assert "| `--engine` | plain Python loop without ROS" in page
+    assert "| `--engine` | plain Python loop without ROS" in page and "| `NAME \\| FILE` | " in page
+    rows = [line for line in page.splitlines() if line.startswith("|")]
+    assert [row for row in rows if len(re.split(r"(?<!\\)\|", row)) != 4] == []
     for folder in ("plant_sim", "train_ato"):
         (tmp_path / folder).mkdir()
     (tmp_path / "train_ato" / "one.py").write_text(
@@ -124,7 +127,7 @@ def test_docs_prints_the_entrance_or_how_to_build_it(tmp_path, monkeypatch, caps
     assert told.out == f"{page}\n" and "no browser" in told.err and opened == [page.as_uri()]
 
 
-@pytest.mark.parametrize("symptom", site.SYMPTOMS, ids=lambda symptom: symptom.symptom[:40])
+@pytest.mark.parametrize("symptom", site.SYMPTOMS, ids=lambda symptom: symptom["symptom"][:40])
 def test_the_change_of_a_symptom_removes_it(symptom):
     """Breaks if the page of the symptoms has a cause without effect, or a change that leaves half of it."""
     before, after = site.both_drives(symptom)

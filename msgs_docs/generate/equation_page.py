@@ -213,11 +213,10 @@ def counts(table: EquationTable) -> dict[Form, int]:
     return {form: found[form] for form in Form}
 
 
-def _row(row: Equation, root: Path) -> list[str]:
+def _row(row: Equation, root: Path) -> tuple[str, ...]:
     places = ", ".join(_linked(place, root) for place in row.places) or "-"
     settings = " ".join(f"`{text}`" for text in row.settings) or "-"
-    cells = (f"({row.number})", row.content, row.form.value, places, row.note or "-", settings)
-    return [cell.replace("|", r"\|") for cell in cells]
+    return f"({row.number})", row.content, row.form.value, places, row.note or "-", settings
 
 
 def _linked(place: str, root: Path) -> str:

@@ -5,7 +5,7 @@ take minutes; ``--measure gallery`` runs them. Pictures of the rows, trains and 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import train_ato as ta
-from msgs_docs.generate.rows import read_rows, write_rows
+from msgs_docs.generate.rows import read_rows, row_line, write_rows
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from plant_sim.track import Track
 from plant_sim.units import KMH, number_text
@@ -28,7 +28,7 @@ from train_ato.report.print_figures import STYLE as PRINT_STYLE
 from train_ato.report.print_figures import UNDATED
 from train_ato.report.quantities import COLOURS, GREY
 from train_ato.scenario.scenario import expectation_of
-from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
+from train_ato.scenario.scenario_files import scenario_names
 
 NAME = "gallery"
 MEASURED = Path("msgs_docs", "gallery_measured.json")
@@ -42,14 +42,6 @@ STYLE = {**PRINT_STYLE, **dict.fromkeys(_COLOURED, GREY), "grid.alpha": 0.3}
 """Style of the figures with text, frame and grid that a dark page shows as well."""
 Curve = tuple[str, Sequence[float] | Array, Sequence[float] | Array]
 """Name, and values across and up."""
-
-
-def scenario_names() -> list[str]:
-    """Return every shipped scenario with its variants."""
-    found = []
-    for name, path in shipped_scenarios().items():
-        found += [name, *(f"{name}:{variant}" for variant in variants_of(path))]
-    return found
 
 
 def measured_row(name: str) -> dict[str, Any]:
@@ -111,10 +103,7 @@ def write_gallery(top: Path, folder: Path) -> None:
         run.plot(folder / picture)
         rows = [("train", run.setup.consist.name), ("line", run.setup.line.name), ("law", run.metrics["controller"])]
         found = {key: run.metrics[key] for key in SHOWN if run.metrics.get(key) is not None}
-        text += (
-            f"\n## {name}\n\n{shows[0].upper()}{shows[1:]}.\n\n**{run.result.title}**\n\n"
-            f"{_two_columns([*rows, *_figures(found)])}\n![run of {name}]({picture})\n"
-        )
+        text += _section(name, [*rows, *_figures(found)], "run", picture, shows, run.result.title)
     (folder / "gallery.md").write_text(text, encoding="utf-8")
     (folder / "scenarios.md").write_text(scenarios_page(top, folder), encoding="utf-8")
     (folder / "trains.md").write_text(trains_page(folder), encoding="utf-8")
@@ -138,10 +127,7 @@ def scenarios_page(top: Path, folder: Path) -> str:
         parts = [("train", row["train"]), ("line", row["line"]), ("law", row["law"])]
         parts += [("expected", expected.text)] if expected else []
         summary = details(name)["scenario"]["summary"]
-        text += (
-            f"\n## {name}\n\n{summary[0].upper()}{summary[1:]}.\n\n**{row['verdict']}**\n\n"
-            f"{_two_columns([*parts, *_figures(row['figures'])])}\n![speed of {name}]({picture})\n"
-        )
+        text += _section(name, [*parts, *_figures(row["figures"])], "speed", picture, summary, row["verdict"])
     return text
 
 
@@ -159,7 +145,7 @@ def trains_page(folder: Path) -> str:
         least, most = (np.array([side.sum() for side in sides]) / 1e3 for sides in zip(*limits, strict=True))
         curves: list[Curve] = [("traction", speeds, most), ("electric brake", speeds, least)]
         draw(folder / f"forces_{name}.svg", curves, "speed in km/h", "force in kN")
-        text += _entry(name, details(name)["consist"], "forces")
+        text += _section(name, details(name)["consist"].items(), "forces", f"forces_{name}.svg")
     return text
 
 
@@ -174,18 +160,17 @@ def lines_page(folder: Path) -> str:
         curves: list[Curve] = [("height", places / 1e3, track.elevation(places))]
         stops = [(stop.at / 1e3, stop.name) for stop in line.stops]
         draw(folder / f"height_{name}.svg", curves, "km", "height in m", stops)
-        text += _entry(name, details(name)["line"], "height")
+        text += _section(name, details(name)["line"].items(), "height", f"height_{name}.svg")
     return text
 
 
-def _entry(name: str, facts: dict[str, str], content: str) -> str:
-    """Return the section of a train or a line with its picture."""
-    rows = _two_columns([(key, text) for key, text in facts.items() if text])
-    return f"\n## {name}\n\n{rows}\n![{content} of {name}]({content}_{name}.svg)\n"
-
-
-def _two_columns(rows: Sequence[tuple[str, str]]) -> str:
-    return "| | |\n|---|---|\n" + "".join(f"| {title} | {text.replace('|', chr(92) + '|')} |\n" for title, text in rows)
+def _section(
+    name: str, facts: Iterable[tuple[str, str]], content: str, picture: str, shows: str = "", verdict: str = ""
+) -> str:
+    """Return the section of a scenario, a train or a line: its text and verdict, a table and its picture."""
+    told = f"{shows[0].upper()}{shows[1:]}.\n\n**{verdict}**\n\n" if shows else ""
+    table = "\n".join(["| | |", "|---|---|", *(row_line(*fact) for fact in facts if fact[1])])
+    return f"\n## {name}\n\n{told}{table}\n\n![{content} of {name}]({picture})\n"
 
 
 def _figures(found: dict[str, float]) -> list[tuple[str, str]]:

@@ -154,14 +154,6 @@ UNLIMITED = 900.0
 _protect, _receive, _supervise = TrainProtection.step, Receiver.receive, Supervisor.step
 
 
-def _without_limits(*given: Any, **named: Any) -> TrackSupervision:
-    return TrackSupervision(replace(line_supervision(*given, **named).train, max_speed=UNLIMITED), (), (), None)
-
-
-def _ends_at_any_speed(self: TrainProtection, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
-    return _protect(self, stamp, standstill=True, separated=separated)
-
-
 def _newest_arrival(self: Receiver, now: int, message: Any) -> Any:
     self._checked = False
     return _receive(self, now, message)
@@ -179,10 +171,12 @@ REMOVALS: dict[str, Monitor] = {monitor.part: monitor for monitor in MONITORS.va
 REPLACEMENTS: dict[str, object] = {
     MONITORS[name].part: replacement
     for name, replacement in {
-        "track": _without_limits,
+        "track": lambda *given, **named: TrackSupervision(
+            replace(line_supervision(*given, **named).train, max_speed=UNLIMITED), (), (), None
+        ),
         "estimator": _wheel_alone,
         "odometry_check": lambda *_: "",
-        "protection": _ends_at_any_speed,
+        "protection": lambda self, stamp, **given: _protect(self, stamp, **{**given, "standstill": True}),
         "separation": lambda couplers, time: False,
         "alive": lambda *_: "",
         "measurement_check": lambda *_: "",
@@ -302,11 +296,6 @@ def _braked(run: FaultRun) -> Array:
     return lasting.astype(np.float64)
 
 
-def _traction_while_braked(run: FaultRun) -> tuple[float, float]:
-    command = run.recording.command.max(axis=1)
-    return float((command * _braked(run)).max()) * KILO, 0.0
-
-
 def _speed_at_release(run: FaultRun) -> tuple[float, float]:
     recording = run.recording
     spans = state_spans(recording.reports, "plant")[:-1]
@@ -323,7 +312,8 @@ def _demands(run: FaultRun) -> tuple[float, float]:
 
 MEASURES: dict[str, Callable[[FaultRun], tuple[float, float]]] = {
     "H1": _speed_above_limit, "H2": lambda run: (run.front - run.supervised_location, 0.0), "H3": _rolled_back,
-    "H4": _unrequested_distance, "H5": _traction_while_braked,
+    "H4": _unrequested_distance,
+    "H5": lambda run: (float((run.recording.command.max(axis=1) * _braked(run)).max()) * KILO, 0.0),
     "H6": lambda run: (run.end_speed * KMH, STANDSTILL * KMH), "H7": _speed_at_release,
     "H8": lambda run: (run.front - run.stop, STOPPING_ERROR), "H9": _demands,
 }  # fmt: skip

@@ -195,13 +195,11 @@ def command_of(run: ChoiceRun) -> str:
 def _row(choice: Choice, table: ChoiceTable, metrics: Metrics, root: Path) -> list[str]:
     path, line = source_line(choice.where, root)
     cells = [choice.missing, choice.chosen, f"[{path}:{line}](../{path}#L{line})"]
-    if choice.metric:
-        base = table.bases[choice.base]
-        changed = [f"{_change(run, base)}: {_value(run, choice, metrics)}" for run in choice.others]
-        cells += [choice.base, UNITS[choice.metric], _value(base, choice, metrics), "<br>".join(changed)]
-    else:
-        cells += ["-", "-", "-", choice.reason]
-    return [cell.replace("|", r"\|") for cell in cells]
+    if not choice.metric:
+        return [*cells, "-", "-", "-", choice.reason]
+    base = table.bases[choice.base]
+    changed = [f"{_change(run, base)}: {_value(run, choice, metrics)}" for run in choice.others]
+    return [*cells, choice.base, UNITS[choice.metric], _value(base, choice, metrics), "<br>".join(changed)]
 
 
 def _value(run: ChoiceRun, choice: Choice, metrics: Metrics) -> str:

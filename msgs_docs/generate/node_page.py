@@ -106,8 +106,7 @@ def _row(node: Any, name: str) -> tuple[str, ...]:
         else descriptor.additional_constraints
     )
     fixed = " (at the start only)" if descriptor.read_only else ""
-    meaning = descriptor.description.replace("|", "\\|")
-    return f"`{name}`", _shown(value), allowed or "-", f"{meaning}{fixed}"
+    return f"`{name}`", _shown(value), allowed or "-", f"{descriptor.description}{fixed}"
 
 
 def _shown(value: Any) -> str:

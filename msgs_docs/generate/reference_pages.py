@@ -88,8 +88,7 @@ def as_cell(text: object) -> str:
 
 def as_code(value: object) -> str:
     """Return a value as YAML on one line, in a cell of a table."""
-    written = json.dumps(value, ensure_ascii=False).replace("|", "\\|")
-    return f"`{written}`"
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
 
 
 def as_table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:

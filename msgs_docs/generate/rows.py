@@ -1,6 +1,7 @@
 """Files beside the pages: JSON with a line for each row, so that a change shows its rows; texts of the pages."""
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,8 @@ def write_rows(path: Path, value: Any, levels: int = 1) -> None:
 
 
 def row_line(*cells: object) -> str:
-    """Return the line of a table with some cells."""
-    return f"| {' | '.join(map(str, cells))} |"
+    """Return the line of a table with some cells, whose bars are escaped."""
+    return "| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", str(cell)) for cell in cells) + " |"
 
 
 def table_lines(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> list[str]:

@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,45 +20,18 @@ from msgs_docs.generate.rows import page_text, table_lines, texts
 from plant_sim.units import number_text
 from train_ato.judge.metric_names import METRICS
 
-Changes = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Symptom:
-    """Symptom of a drive, with a cause and the change that removes it.
-
-    Attributes
-    ----------
-    symptom, remedy
-        Texts of the page.
-    cause, change
-        Keys of the scenario that make the symptom, and those that remove it.
-    metric
-        Metric that shows it.
-    scenario, drive
-        Shipped scenario, and the keys of the short drive.
-    """
-
-    symptom: str
-    cause: Changes
-    remedy: str
-    change: Changes
-    metric: str
-    scenario: str = "xuzhou_metro"
-    drive: Changes | None = None
-
-
-DRIVE: Changes = texts("site")["drive"]
+DRIVE: dict[str, Any] = texts("site")["drive"]
 """Short drive of the metro train from rest to rest."""
-SYMPTOMS = tuple(Symptom(**row) for row in texts("site")["symptoms"])
-"""Rows of the page."""
+SYMPTOMS: list[dict[str, Any]] = texts("site")["symptoms"]
+"""Rows of the page: symptom, keys of its cause and of the change, remedy, metric; another scenario or drive."""
 
 
-def both_drives(symptom: Symptom) -> tuple[float, float]:
+def both_drives(symptom: Mapping[str, Any]) -> tuple[float, float]:
     """Return the magnitude of the metric with the cause, without and with the change."""
-    start = ta.scenario(symptom.scenario).with_({**(symptom.drive or DRIVE), **symptom.cause})
-    runs = (ta.run(start), ta.run(start.with_(symptom.change)))
-    values = [run.metrics[symptom.metric] for run in runs]
+    changes = {**symptom.get("drive", DRIVE), **symptom["cause"]}
+    start = ta.scenario(symptom.get("scenario", "xuzhou_metro")).with_(changes)
+    runs = (ta.run(start), ta.run(start.with_(symptom["change"])))
+    values = [run.metrics[symptom["metric"]] for run in runs]
     return abs(values[0]), abs(values[1])
 
 
@@ -66,11 +39,12 @@ def symptom_page() -> str:
     """Return the page of the symptoms, with the metric of each before and after the change."""
     rows = []
     for symptom in SYMPTOMS:
-        name, unit = METRICS[symptom.metric]
-        cause = ", ".join(f"`{key}={value}`" for key, value in symptom.cause.items()) or "none"
-        change = ", ".join(f"`{key}={_short(value)}`" for key, value in symptom.change.items() if key != "plant.start")
+        name, unit = METRICS[symptom["metric"]]
+        cause = ", ".join(f"`{key}={value}`" for key, value in symptom["cause"].items()) or "none"
+        shown = {key: _short(value) for key, value in symptom["change"].items() if key != "plant.start"}
+        change = ", ".join(f"`{key}={value}`" for key, value in shown.items())
         figures = (number_text(value, 3) for value in both_drives(symptom))
-        rows.append((symptom.symptom, cause, symptom.remedy, change, f"{name} in {unit}", *figures))
+        rows.append((symptom["symptom"], cause, symptom["remedy"], change, f"{name} in {unit}", *figures))
     heads = ("symptom", "cause in this drive", "change", "keys of the change", "metric", "before", "after")
     return page_text("symptoms", table=table_lines(heads, rows))
 

@@ -151,13 +151,13 @@ class Comparison:
         """
         check_packages("report", "bokeh", "jinja2")
         from train_ato.program.arguments import check_new_file
-        from train_ato.report.writing import write_comparison_page
+        from train_ato.report.writing import write_page
 
         page = Path(out)
         check_new_file(page, (".html", ".htm"), "report")
         if not self.drawable:
             raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
-        write_comparison_page(self._pages, page)
+        write_page(self._pages, page, compared=True)
         return page
 
     def __repr__(self) -> str:

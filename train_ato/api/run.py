@@ -351,13 +351,13 @@ class Run:
         from train_ato.program.arguments import check_new_file
         from train_ato.report.page_data import page_data
         from train_ato.report.words import REPORT
-        from train_ato.report.writing import write_run
+        from train_ato.report.writing import write_page
 
         folder = self.folder()
         page = folder / REPORT if out is None else Path(out)
         if out is not None:
             check_new_file(page, (".html", ".htm"))
-        write_run(page_data(open_recording(folder)), page)
+        write_page([page_data(open_recording(folder))], page, compared=False)
         return page
 
     def finish(self) -> Path:

@@ -95,14 +95,6 @@ def _completer(names: Callable[[], Iterable[str]], *, files: bool) -> Callable[.
     return complete
 
 
-def _scenarios() -> Iterable[str]:
-    from train_ato.scenario.scenario_files import shipped_scenarios, variants_of
-
-    for name, path in shipped_scenarios().items():
-        yield name
-        yield from (f"{name}:{variant}" for variant in variants_of(path))
-
-
 def _runnable() -> Iterable[str]:
     from train_ato.scenario.scenario_files import shipped_following
 
@@ -114,6 +106,7 @@ def _called(module: str, function: str) -> Callable[[], Iterable[str]]:
     return lambda: map(str, attrgetter(function)(import_module(module))())
 
 
+_scenarios = _called("train_ato.scenario.scenario_files", "scenario_names")
 _laws = _called("train_ato.control.registry", "LAWS.names")
 _observers = _called("train_ato.control.registry", "OBSERVERS.names")
 _compensations = _called("train_ato.control.registry", "COMPENSATIONS.names")
@@ -127,12 +120,6 @@ def _listed() -> Iterable[str]:
         yield from names()
 
 
-def _external() -> Iterable[str]:
-    from train_ato.messages.topics import EXTERNAL
-
-    return EXTERNAL
-
-
 def _runs() -> Iterable[str]:
     """Return the run folders below ``runs``."""
     return sorted(str(path.parent) for path in Path("runs").glob("*/scenario.yaml"))
@@ -141,7 +128,7 @@ def _runs() -> Iterable[str]:
 NAMES: dict[str, Callable[[], Iterable[str]]] = {
     "scenario": _scenarios, "case": _scenarios, "law": _laws, "laws": _laws, "observer": _observers,
     "compensation": _compensations, "consist": _consists, "line": _lines, "run": _runs, "runs": _runs,
-    "domain": _domains, "name": _listed, "external": _external,
+    "domain": _domains, "name": _listed, "external": _called("train_ato.messages.topics", "EXTERNAL.__iter__"),
 }  # fmt: skip
 """Known names of an argument, by its name in the parser."""
 WITH_FILES = ("scenario", "case", "consist", "line", "run", "runs", "name")

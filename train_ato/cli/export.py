@@ -82,11 +82,11 @@ def _write_scene(options: argparse.Namespace) -> None:
     folder = _free_folder(options, "scene")
     setup, _ = read_run_folder(options.run)
     with _new_folder(folder), share_bar(f"writing {folder}") as progress:
-        written = write_scene_log(options.run, setup, folder, rate, lambda share: progress(share, ""))
+        messages, force, worst = write_scene_log(options.run, setup, folder, rate, lambda share: progress(share, ""))
         if options.figure is not None:
-            draw_scene(folder / LOG, written.worst if options.at is None else options.at, written.force, options.figure)
-    data = {"run": str(options.run), "folder": str(folder), "messages": written.messages, "rate": rate}
-    print_result(data, f"{folder / LOG}: {written.messages} messages of the scene\n", as_json=options.json)
+            draw_scene(folder / LOG, worst if options.at is None else options.at, force, options.figure)
+    data = {"run": str(options.run), "folder": str(folder), "messages": messages, "rate": rate}
+    print_result(data, f"{folder / LOG}: {messages} messages of the scene\n", as_json=options.json)
 
 
 def _write_rerun(options: argparse.Namespace) -> None:

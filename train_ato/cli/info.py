@@ -64,7 +64,16 @@ def execute(options: argparse.Namespace) -> None:
     fatigue = fatigue_of(run, options.fatigue)
     changes = summary.pop("changes", None) or found.changes.rows()
     if options.json:
-        print_json({**summary, **_as_json(found), "changes": changes, "note": note, **fatigue})
+        of_log = {
+            "log": str(found.path),
+            "log_bytes": found.size,
+            "duration_s": found.duration_s,
+            "messages": {topic.name: topic.messages for topic in found.topics},
+            "topics": [dataclasses.asdict(topic) for topic in found.topics],
+            "versions": found.versions,
+            "wall_time": None if found.wall_time is None else found.wall_time.listed(),
+        }
+        print_json({**summary, **of_log, "changes": changes, "note": note, **fatigue})
         return
     if summary:
         print_summary(summary, str(run))
@@ -171,18 +180,6 @@ def _place(row: dict[str, Any]) -> tuple[str | None, Any]:
     """Return the cells of time [s] and place [km] of the worst value of a criterion."""
     at_s, km = row.get("at_s"), row.get("km")
     return None if at_s is None else f"{at_s:.1f}", None if km is None else row.get("post") or kilometre_cell(km)
-
-
-def _as_json(found: Overview) -> dict[str, Any]:
-    return {
-        "log": str(found.path),
-        "log_bytes": found.size,
-        "duration_s": found.duration_s,
-        "messages": {topic.name: topic.messages for topic in found.topics},
-        "topics": [dataclasses.asdict(topic) for topic in found.topics],
-        "versions": found.versions,
-        "wall_time": None if found.wall_time is None else found.wall_time.listed(),
-    }
 
 
 def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:

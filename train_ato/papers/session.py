@@ -273,19 +273,19 @@ def claims_of(paper: c.Paper, *, full: bool) -> list[c.Claim]:
 
 def judge_paper(paper: c.Paper, results: c.Results, *, full: bool) -> list[Row]:
     """Return one row per claim."""
-    return [_row(paper, claim, _judged(claim, results)) for claim in claims_of(paper, full=full)]
-
-
-def _row(paper: c.Paper, claim: c.Claim, judgement: c.Judgement) -> Row:
-    return {
-        "paper": paper.number,
-        "claim": claim.text,
-        "stated": claim.stated,
-        "measured": judgement.measured,
-        "verdict": judgement.verdict.value,
-        "reason": judgement.reason,
-        "bounds": "; ".join(str(check) for check in judgement.checks),
-    }
+    return [
+        {
+            "paper": paper.number,
+            "claim": claim.text,
+            "stated": claim.stated,
+            "measured": judgement.measured,
+            "verdict": judgement.verdict.value,
+            "reason": judgement.reason,
+            "bounds": "; ".join(str(check) for check in judgement.checks),
+        }
+        for claim in claims_of(paper, full=full)
+        for judgement in [_judged(claim, results)]
+    ]
 
 
 def _judged(claim: c.Claim, results: c.Results) -> c.Judgement:

@@ -1,7 +1,7 @@
 """Page as one HTML file without network access: text, tables, figures and the Bokeh library."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ from bokeh.plotting import figure as bokeh_figure
 from train_ato.program.display_units import display_unit, shown_name, shown_texts
 from train_ato.report.events import Event
 from train_ato.report.quantities import FAINT, FONT, INK, KINDS, axis_title
-from train_ato.report.summary_rows import CriterionCells, VerdictText
 
 Figure = Any
 """A Bokeh figure; its classes are created at run time."""
@@ -261,65 +260,11 @@ class PageSection:
     placed: list[Placed]
 
 
-@dataclass(frozen=True)
-class ReportPage:
-    """Text and tables of a page.
-
-    Attributes
-    ----------
-    title, subtitle
-        Of the page.
-    warnings
-        Lines at the top, for example on a failed run.
-    runs
-        Name and colour of every run, one column of the tables each; no colour for a single run.
-    facts
-        Title and one text per run.
-    groups
-        Groups of the summary: title and rows with one text per run.
-    events
-        Per run: time as text, colour, kind, description.
-    left_out
-        Figures without data, and the reason.
-    verdicts, criteria, best
-        First screen: verdict of every run; criteria with one cell per run; the best run and the reason.
-    marks
-        Per key of the summary and run: True for the best value, and the difference from the best as text.
-    stops
-        Per run: rows of the stops as texts.
-    differences
-        Per run after the first: largest differences in one line, rows of the stops as texts.
-    """
-
-    title: str
-    subtitle: str
-    warnings: list[str]
-    runs: list[tuple[str, str]]
-    facts: list[tuple[str, list[str]]]
-    groups: list[tuple[str, list[Any]]]
-    events: list[tuple[str, list[tuple[str, str, str, str]]]]
-    left_out: list[tuple[str, str]]
-    readings: list[tuple[str, str]] = field(default_factory=list)
-    hours: bool = False
-    version: str = ""
-    verdicts: list[VerdictText] = field(default_factory=list)
-    criteria: list[CriterionCells] = field(default_factory=list)
-    best: str = ""
-    marks: dict[str, list[tuple[bool, str]]] = field(default_factory=dict)
-    stops: list[tuple[str, list[list[str]]]] = field(default_factory=list)
-    differences: list[tuple[str, str, list[list[str]]]] = field(default_factory=list)
-
-    @property
-    def colours(self) -> dict[str, str]:
-        """Colour of every run by its name."""
-        return dict(self.runs)
-
-
 MARKS = {"passed": "✓ passed", "failed": "✗ failed", "incomplete": "not evaluated", "none": ""}
 
 
-def render(page: ReportPage, sections: list[PageSection]) -> str:
-    """Return the HTML of a page."""
+def render(page: dict[str, Any], sections: list[PageSection]) -> str:
+    """Return the HTML of a page from the texts and tables that its template names."""
     from bokeh.document import Document
     from bokeh.embed import components
     from bokeh.resources import Resources

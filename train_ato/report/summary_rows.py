@@ -114,36 +114,10 @@ def run_groups(summary: dict[str, Any]) -> list[tuple[str, list[tuple[Row, list[
 STATES = {True: "passed", False: "failed", None: "incomplete"}
 
 
-@dataclass(frozen=True)
-class VerdictText:
-    """Verdict of a run: label of the run, its state and its line.
-
-    The state is ``passed``, ``failed``, ``incomplete`` or ``none``; ``failed`` also for a run that is not tracked.
-    """
-
-    label: str
-    state: str
-    text: str
-
-
-@dataclass(frozen=True)
-class CriterionCells:
-    """One criterion: name, limit with unit, and value, state, time and place of the worst value for every run."""
-
-    words: str
-    limit: str
-    cells: list[tuple[str, str, str]]
-
-    @property
-    def failed(self) -> bool:
-        """True if a run fails the criterion."""
-        return any(state == STATES[False] for _, state, _ in self.cells)
-
-
-def verdict_texts(pages: Sequence[PageData]) -> list[VerdictText]:
-    """Return the verdicts of the runs with metrics."""
+def verdict_texts(pages: Sequence[PageData]) -> list[dict[str, str]]:
+    """Return label, state and line of the verdicts of the runs with metrics; a run that is not tracked is failed."""
     return [
-        VerdictText(data.label, _state(data.summary), typeset(line))
+        {"label": data.label, "state": _state(data.summary), "text": typeset(line)}
         for data in pages
         if (line := verdict_line(data.summary))
     ]
@@ -168,7 +142,11 @@ def best_text(pages: Sequence[PageData]) -> str:
     return f"Best: {first.label} ({words}speed error {error} rms). Order: tracking, verdict, failed criteria, rms."
 
 
-def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
+Cells = tuple[str, str, list[tuple[str, str, str]]]
+"""Name of a criterion, limit with unit, and value, state, time and place of the worst value for every run."""
+
+
+def criterion_cells(pages: Sequence[PageData]) -> list[Cells]:
     """Return the criteria that any run has, failed ones first; runs without one have a dash."""
     found = []
     for criterion in CRITERIA:
@@ -179,8 +157,10 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
         limit = " / ".join(shown_digits(value, criterion.unit) for value in sorted(limits))
         cells = [_cell(row, criterion.unit) for row in rows]
         limit = f"{limit} {display_unit(criterion.unit)[0]}".rstrip()
-        found.append(CriterionCells(metric_name(criterion.metric), limit, cells))
-    return sorted(found + _requirement_cells(pages), key=lambda entry: not entry.failed)
+        found.append((metric_name(criterion.metric), limit, cells))
+    return sorted(
+        found + _requirement_cells(pages), key=lambda entry: all(state != STATES[False] for _, state, _ in entry[2])
+    )
 
 
 def _cell(row: dict[str, Any] | None, unit: str) -> tuple[str, str, str]:
@@ -188,7 +168,7 @@ def _cell(row: dict[str, Any] | None, unit: str) -> tuple[str, str, str]:
     return ("–", "none", "") if row is None else (_value(row["value"], unit), STATES[row["passed"]], place_text(row))
 
 
-def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
+def _requirement_cells(pages: Sequence[PageData]) -> list[Cells]:
     """Return the requirements that any run has, with their robustness; its limit is 0."""
     named: dict[tuple[str, str], None] = {}
     for data in pages:
@@ -197,7 +177,7 @@ def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
     for name, formula in named:
         rows = [next((row for row in _rows(data.summary) if row.get("formula") == formula), None) for data in pages]
         cells = [_cell(row, (row and row["unit"]) or "") for row in rows]
-        found.append(CriterionCells(f"{name}: {typeset(formula)}", "robustness 0", cells))
+        found.append((f"{name}: {typeset(formula)}", "robustness 0", cells))
     return found
 
 

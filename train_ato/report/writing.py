@@ -1,7 +1,6 @@
 """Writing of the page of one run, or of the comparison of several runs."""
 
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +18,8 @@ from train_ato.report.quantities import KINDS, PANELS
 from train_ato.report.words import COMPARISON, REPORT
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of a report: a page, and figures for print if their folder is set.
-
-    Attributes
-    ----------
-    runs
-        Run folders or logs.
-    labels
-        Different names of the runs.
-    page
-        File to write.
-    figures
-        Folder of the figures for print, and their format.
-    """
-
-    runs: tuple[Path, ...]
-    labels: tuple[str, ...]
-    page: Path
-    figures: Path | None = None
-    kind: str = "png"
-
-
-def checked(runs: list[Path], page: Path | None, figures: Path | None, kind: str) -> Request:
-    """Check and return the arguments of a report."""
+def checked(runs: list[Path], page: Path | None, figures: Path | None) -> tuple[Path, tuple[str, ...]]:
+    """Check the arguments of a report; return the file of the page, and the different names of the runs."""
     for run in runs:
         log_file(run)
     places = [run.resolve() for run in runs]
@@ -57,7 +33,7 @@ def checked(runs: list[Path], page: Path | None, figures: Path | None, kind: str
         check_new_file(page, (".html", ".htm"))
     if figures is not None and any(place.exists() and not place.is_dir() for place in (figures, *figures.parents)):
         raise ValueError(f"--figures {figures}: is a file or is inside a file; give a folder")
-    return Request(tuple(runs), labels_of(places), page, figures, kind)
+    return page, labels_of(places)
 
 
 def labels_of(places: list[Path]) -> tuple[str, ...]:
@@ -71,30 +47,69 @@ def labels_of(places: list[Path]) -> tuple[str, ...]:
     return tuple(str(place) if still[name] > 1 else name for name, place in zip(chosen, places, strict=True))
 
 
-def write_run(data: PageData, path: Path) -> int:
-    """Write the page of one run and return its size in bytes."""
-    from train_ato.report.page import ReportPage, render
-    from train_ato.report.page_sections import run_sections
+def write_page(pages: list[PageData], path: Path, *, compared: bool) -> int:
+    """Write the page of one run, or that of several runs side by side.
 
-    sections, linked = run_sections(data)
-    summary, laws, protection = data.summary, data.facts.get("law"), summary_events(data.summary)
-    page = ReportPage(
-        title=f"{summary.get('scenario') or data.label}{f': {laws}' if laws else ''}",
-        subtitle=data.subtitle,
-        warnings=[*warnings_of(data), *([f"{protection[0].upper()}{protection[1:]}."] if protection else [])],
-        runs=[("value", "")],
-        facts=[(title, [text]) for title, text in data.facts.items()],
-        groups=summary_rows.run_groups(summary),
-        events=[("List", event_rows(data))],
-        left_out=[(PANELS[name][1], reason) for name, reason in data.left_out.items()],
-        readings=linked.readings,
-        hours=linked.hours,
-        version=VERSION,
-        verdicts=summary_rows.verdict_texts([data]),
-        criteria=summary_rows.criterion_cells([data]),
-        stops=[("", stop_cells(data.summary))],
-    )
-    return write_atomically(render(page, sections), path)
+    Parameters
+    ----------
+    pages
+        Content of the page for each run, in the order of the columns.
+    path
+        File of the page; it is complete or not there.
+    compared
+        True for the page of several runs: a colour and a column for every run, the differences from the best value of
+        each metric, and from the motion of the first run. The page of one run has its event list and all its facts.
+
+    Returns
+    -------
+    int
+        Size of the page [bytes].
+    """
+    from train_ato.report.page import render
+    from train_ato.report.page_data import motion_differences
+    from train_ato.report.page_sections import comparison_sections, run_sections
+
+    data, summaries, drawn = pages[0], [data.summary for data in pages], [data for data in pages if data.curves]
+    sections, linked = comparison_sections(pages) if compared else run_sections(data)
+    if compared:
+        titles = dict.fromkeys(title for data in pages for title in data.facts)
+        warnings = [warning for data in pages for warning in warnings_of(data, f"{data.label}: ")]
+        runs = list(zip([data.label for data in pages], run_colours(len(pages)), strict=True))
+        facts = [("run", [data.label for data in pages])]
+        facts += [(t if t != "run" else "folder", [data.facts.get(t, "–") for data in pages]) for t in titles]
+        events = [(data.label, event_rows(data)) for data in pages if data.events]
+        absent = {
+            name: next(data.left_out[name] for data in drawn)
+            for name in (drawn[0].left_out if drawn else ())
+            if name != "unit_forces" and all(name in data.left_out for data in drawn)
+        }
+    else:
+        protection = summary_events(data.summary)
+        warnings = [*warnings_of(data), *([f"{protection[0].upper()}{protection[1:]}."] if protection else [])]
+        runs, facts = [("value", "")], [(title, [text]) for title, text in data.facts.items()]
+        events, absent = [("List", event_rows(data))], data.left_out
+    differences = motion_differences(drawn) if compared else {}
+    page = {
+        "title": comparison_title(pages) if compared else run_title(data),
+        "subtitle": data.subtitle if len({data.subtitle for data in pages}) == 1 else "",
+        "warnings": warnings,
+        "runs": runs,
+        "facts": facts,
+        "groups": summary_rows.filled_groups(summaries) if compared else summary_rows.run_groups(data.summary),
+        "events": events,
+        "left_out": [(PANELS[name][1], reason) for name, reason in absent.items()],
+        "readings": linked.readings,
+        "hours": linked.hours,
+        "version": VERSION,
+        "verdicts": summary_rows.verdict_texts(pages),
+        "criteria": summary_rows.criterion_cells(pages),
+        "best": summary_rows.best_text(pages),
+        "marks": _marks(summaries) if compared else {},
+        "stops": [(data.label if compared else "", stop_cells(data.summary)) for data in pages],
+        "differences": [(label, one.line, difference_cells(one)) for label, one in differences.items()],
+    }
+    write_whole(path, render(page, sections))
+    return path.stat().st_size
 
 
 def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
@@ -127,35 +142,10 @@ def difference_cells(found: MotionDifference) -> list[list[str]]:
     return rows
 
 
-def write_comparison_page(pages: list[PageData], path: Path) -> int:
-    """Write the page of several runs side by side and return its size in bytes."""
-    from train_ato.report.page import ReportPage, render
-    from train_ato.report.page_data import motion_differences
-    from train_ato.report.page_sections import comparison_sections
-
-    sections, linked = comparison_sections(pages)
-    drawn = [data for data in pages if data.curves]
-    summaries = [data.summary for data in pages]
-    page = ReportPage(
-        title=comparison_title(pages),
-        subtitle=pages[0].subtitle if len({data.subtitle for data in pages}) == 1 else "",
-        warnings=[warning for data in pages for warning in warnings_of(data, f"{data.label}: ")],
-        runs=list(zip([data.label for data in pages], run_colours(len(pages)), strict=True)),
-        facts=_facts_side_by_side(pages),
-        groups=summary_rows.filled_groups(summaries),
-        events=[(data.label, event_rows(data)) for data in pages if data.events],
-        left_out=_missing_in_all(pages),
-        readings=linked.readings,
-        hours=linked.hours,
-        version=VERSION,
-        verdicts=summary_rows.verdict_texts(pages),
-        criteria=summary_rows.criterion_cells(pages),
-        best=summary_rows.best_text(pages),
-        marks=_marks(summaries),
-        stops=[(data.label, stop_cells(data.summary)) for data in pages],
-        differences=[(label, one.line, difference_cells(one)) for label, one in motion_differences(drawn).items()],
-    )
-    return write_atomically(render(page, sections), path)
+def run_title(data: PageData) -> str:
+    """Return scenario and laws of a run."""
+    laws = data.facts.get("law")
+    return f"{data.summary.get('scenario') or data.label}{f': {laws}' if laws else ''}"
 
 
 def comparison_title(pages: list[PageData]) -> str:
@@ -177,29 +167,6 @@ def _marks(summaries: list[dict[str, Any]]) -> dict[str, list[tuple[bool, str]]]
                     (difference == 0.0, summary_rows.difference_text(row, difference)) for difference in found
                 ]
     return marks
-
-
-def _facts_side_by_side(pages: list[PageData]) -> list[tuple[str, list[str]]]:
-    titles = dict.fromkeys(title for data in pages for title in data.facts)
-    return [("run", [data.label for data in pages])] + [
-        (title if title != "run" else "folder", [data.facts.get(title, "–") for data in pages]) for title in titles
-    ]
-
-
-def _missing_in_all(pages: list[PageData]) -> list[tuple[str, str]]:
-    """Return the figures without data in any run, with the reason of the first run."""
-    drawn = [data for data in pages if data.curves]
-    return [
-        (PANELS[name][1], next(data.left_out[name] for data in drawn))
-        for name in (drawn[0].left_out if drawn else ())
-        if name != "unit_forces" and all(name in data.left_out for data in drawn)
-    ]
-
-
-def write_atomically(text: str, path: Path) -> int:
-    """Write a file atomically and return its size [bytes]."""
-    write_whole(path, text)
-    return path.stat().st_size
 
 
 def warnings_of(data: PageData, run: str = "") -> list[str]:

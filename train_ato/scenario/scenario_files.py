@@ -27,6 +27,12 @@ def shipped_scenarios() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
+def scenario_names() -> list[str]:
+    """Return every shipped scenario with its variants."""
+    shipped = shipped_scenarios().items()
+    return [full for name, path in shipped for full in (name, *(f"{name}:{key}" for key in variants_of(path)))]
+
+
 def shipped_following() -> dict[str, Path]:
     """Return the shipped files of trains behind each other by name."""
     folder = Path(str(files("train_ato"))) / "scenario" / "shipped" / "following"

@@ -63,20 +63,8 @@ MIN_STRETCH = 20
 """Number of samples of the shortest stretch of motion that counts."""
 
 
-@dataclass(frozen=True)
-class Residual:
-    """Unexplained resistance at the samples of a run, shape (k,) each.
-
-    Attributes
-    ----------
-    place : Array
-        Place of vehicle 0's centre [m].
-    resistance : Array
-        Resistance per inertial mass [m/s²], > 0 retards.
-    """
-
-    place: Array
-    resistance: Array
+Residual = tuple[Array, Array]
+"""Places of vehicle 0's centre [m], and the unexplained resistance per inertial mass there [m/s²], > 0 retards."""
 
 
 def residual_of(recording: Recording, model: TrainModel) -> Residual:
@@ -114,7 +102,7 @@ def residual_of(recording: Recording, model: TrainModel) -> Residual:
         places.append(0.5 * (place[begin : end - 1] + place[begin + 1 : end]))
     if not places:
         raise ValueError(f"{recording.name}: the train does not move above {MOVING:g} m/s; give a run with motion")
-    return Residual(np.concatenate(places), np.clip(np.concatenate(values), -MAX_RESISTANCE, MAX_RESISTANCE))
+    return np.concatenate(places), np.clip(np.concatenate(values), -MAX_RESISTANCE, MAX_RESISTANCE)
 
 
 def _stretches(speed: Array) -> list[tuple[int, int]]:
@@ -194,14 +182,14 @@ def by_place(residual: Residual, begin: float, spacing: float, count: int) -> Ar
     A sample counts at both neighbouring places, with a weight that falls with the distance. Places
     inside the run without a sample are interpolated.
     """
-    at = (residual.place - begin) / spacing
+    at = (residual[0] - begin) / spacing
     index = np.floor(at).astype(np.int64)
     part = at - index
     total, weight = np.zeros(count), np.zeros(count)
     for place, share in ((index, 1.0 - part), (index + 1, part)):
         inside = (place >= 0) & (place < count)
         np.add.at(weight, place[inside], share[inside])
-        np.add.at(total, place[inside], (share * residual.resistance)[inside])
+        np.add.at(total, place[inside], (share * residual[1])[inside])
     known = np.flatnonzero(weight > 0.0)
     return np.interp(np.arange(count), known, total[known] / weight[known], left=np.nan, right=np.nan)
 

@@ -73,24 +73,15 @@ class Tunable:
         return isinstance(self.value, int) and not isinstance(self.value, bool)
 
 
-@dataclass(frozen=True)
-class Scale:
-    """Ends and step of a slider."""
-
-    low: float
-    high: float
-    step: float
-
-
-def slider_scale(tunable: Tunable) -> Scale:
-    """Return the part of a parameter's range for its slider: the whole range, or a part around the value.
+def slider_scale(tunable: Tunable) -> dict[str, float]:
+    """Return ends and step of the slider of a parameter: the whole range, or a part around the value.
 
     Examples
     --------
     >>> slider_scale(Tunable("pid.kp", 0.05, low=0.0, high=1e9))
-    Scale(low=0.0, high=0.2, step=0.001)
+    {'start': 0.0, 'end': 0.2, 'step': 0.001}
     >>> slider_scale(Tunable("smc.c", 0.4, low=0.0, high=1.0))
-    Scale(low=0.0, high=1.0, step=0.005)
+    {'start': 0.0, 'end': 1.0, 'step': 0.005}
     """
     size = abs(float(tunable.value))
     low, high = tunable.low, tunable.high
@@ -103,7 +94,7 @@ def slider_scale(tunable: Tunable) -> Scale:
     step = _nice((high - low) / STEPS)
     if tunable.whole:
         step = max(1.0, round(step))
-    return Scale(low, high, step)
+    return {"start": low, "end": high, "step": step}
 
 
 def _nice(step: float) -> float:

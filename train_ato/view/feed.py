@@ -7,6 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,6 @@ def _read_summary(folder: Path | None) -> dict[str, Any]:
 
 MAX_ROWS = 6000
 """Number of kept rows: five minutes of wall time at 20 frames a second."""
-GROW = 2
 
 
 class Strip:
@@ -130,24 +130,18 @@ class Strip:
     """
 
     def __init__(self, rows: int = MAX_ROWS) -> None:
-        self.rows = rows
-        self._table: Array = np.zeros((GROW * rows, len(STRIP)))
-        self._used = 0
-        self.added = 0
+        self.rows, self.added = rows, 0
+        self._kept: deque[Sequence[float]] = deque(maxlen=rows)
 
     def add(self, row: Sequence[float]) -> None:
-        """Add the newest row; the oldest rows are dropped when the table is full."""
-        if self._used == len(self._table):
-            self._table[: self.rows] = self._table[-self.rows :]
-            self._used = self.rows
-        self._table[self._used] = row
-        self._used += 1
+        """Add the newest row."""
+        self._kept.append(row)
         self.added += 1
 
     def since(self, number: int) -> dict[str, Array]:
         """Return the columns of the kept rows from a row number on."""
-        count = min(self.added - number, self._used, self.rows)
-        rows = self._table[self._used - max(0, count) : self._used]
+        first = max(0, len(self._kept) - max(0, self.added - number))
+        rows = np.array([*islice(self._kept, first, None)]).reshape(-1, len(STRIP))
         return {name: rows[:, column].astype(np.float32 if column else np.float64) for column, name in enumerate(STRIP)}
 
 

@@ -207,10 +207,10 @@ class Panel:
         """Return a slider over a part of the range and an input field for the whole range."""
         name, scale = tunable.name, slider_scale(tunable)
         slider = Slider(
-            title=tunable.title, start=scale.low, end=scale.high, step=scale.step, value=tunable.value,
+            title=tunable.title, value=tunable.value, **scale,
             format=CustomJSTickFormatter(code=SHORT), width=WIDTH - 92, **options,
         )  # fmt: skip
-        field = Spinner(value=tunable.value, step=scale.step, width=80, stylesheets=[WIDGETS])
+        field = Spinner(value=tunable.value, step=scale["step"], width=80, stylesheets=[WIDGETS])
         slider.on_change("value_throttled", lambda attr, old, value: self._set("controller", name, value))
         field.on_change("value", lambda attr, old, value: self._set("controller", name, value))
         self._widgets[name] = [slider, field]
@@ -222,8 +222,7 @@ def _follow_value(widget: Any, tunable: Tunable) -> None:
         widget.active = tunable.value
         return
     if isinstance(widget, Slider) and not widget.start <= tunable.value <= widget.end:
-        scale = slider_scale(tunable)
-        widget.update(start=scale.low, end=scale.high, step=scale.step)
+        widget.update(**slider_scale(tunable))
     if widget.value != tunable.value:
         widget.value = tunable.value
 

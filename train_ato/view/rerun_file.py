@@ -1,7 +1,6 @@
 """Copies of a log with the scene of the train: for the Rerun viewer with all numbers, for others as one file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,28 +34,9 @@ from train_ato.view.train_scene import (
 )
 
 
-@dataclass(frozen=True)
-class SceneLog:
-    """Written scene.
-
-    Attributes
-    ----------
-    messages : int
-        Number of its messages.
-    force : float
-        Coupler force with the full colour [N].
-    worst : float
-        Time of the largest coupler force [s].
-    """
-
-    messages: int
-    force: float
-    worst: float
-
-
 def write_scene_log(
     run: Path, setup: RunSetup, folder: Path, rate: float = DEFAULT_RATE, progress: Progress | None = None
-) -> SceneLog:
+) -> tuple[int, float, float]:
     """Copy a log into an existing folder, with the scene after the states of the vehicles.
 
     Parameters
@@ -74,8 +54,8 @@ def write_scene_log(
 
     Returns
     -------
-    SceneLog
-        Messages of the scene, and the largest coupler force.
+    tuple of int, float, float
+        Messages of the scene, coupler force with the full colour [N], time of the largest coupler force [s].
     """
     path = log_file(run)
     force, worst = largest_force(run, setup)
@@ -101,7 +81,7 @@ def write_scene_log(
                     count += 1
     finally:
         log.close()
-    return SceneLog(count, force, worst)
+    return count, force, worst
 
 
 def scene_channel(log: LogFile, topic: SceneTopic) -> int:

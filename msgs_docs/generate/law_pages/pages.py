@@ -347,8 +347,7 @@ def parameter_table(component: Component) -> list[str]:
     if not entries:
         return ["None."]
     rows = [(f"`{e.name}`", _default(e), e.unit or "-", _range(e), e.meaning) for e in entries]
-    heads = ("parameter", "default", "unit", "range", "meaning")
-    return table_lines(heads, ([cell.replace("|", "\\|") for cell in cells] for cells in rows))
+    return table_lines(("parameter", "default", "unit", "range", "meaning"), rows)
 
 
 def _default(entry: Parameter) -> str:

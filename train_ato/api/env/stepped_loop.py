@@ -158,7 +158,7 @@ class _Writer(pickle.Pickler):
         """Keep a view of an array as a view."""
         if isinstance(part, np.ndarray):
             if isinstance(part.base, np.ndarray) and part.base.flags.c_contiguous and not part.dtype.hasobject:
-                return _view, (part.base, part.shape, part.dtype, _offset(part, part.base), part.strides)
+                return np.ndarray, (part.shape, part.dtype, part.base, _offset(part, part.base), part.strides)
         elif isinstance(part, np.void) and isinstance(part.base, np.ndarray):
             return _record, (part.base, part.dtype, _offset(part, part.base))
         return NotImplemented
@@ -177,10 +177,6 @@ class _Reader(pickle.Unpickler):
 def _offset(part: Any, base: Any) -> int:
     start: int = part.__array_interface__["data"][0]
     return start - int(base.__array_interface__["data"][0])
-
-
-def _view(base: Any, shape: Any, dtype: Any, offset: int, strides: Any) -> Any:
-    return np.ndarray(shape, dtype, buffer=base, offset=offset, strides=strides)
 
 
 def _record(base: Any, dtype: Any, offset: int) -> Any:

@@ -8,7 +8,7 @@ The keys are those of the published cases in ``test/data/etcs_braking_cases.json
 from itertools import pairwise
 from math import isfinite, nan
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -289,21 +289,14 @@ class CurveCase(SiModel):
         return [distance for _, distance in self.curves[name]]
 
 
-class CaseFile(NamedTuple):
-    """Cases of a file by name; ``bare`` if it holds one without a name, which has here the name of the file."""
-
-    cases: dict[str, CurveCase]
-    bare: bool
-
-
-def read_cases(path: Path) -> CaseFile:
+def read_cases(path: Path) -> tuple[dict[str, CurveCase], bool]:
     """Return the cases of a file."""
     data = _read_json(path)
     if "inputs" in data or "curves" in data:
-        return CaseFile({path.stem: build_model(CurveCase, data, str(path))}, True)
+        return {path.stem: build_model(CurveCase, data, str(path))}, True
     if not data:
         raise ValueError(f"{path}: no case; give 'inputs' and 'curves', or cases by name")
-    return CaseFile({name: build_model(CurveCase, case, f"{path}: {name}") for name, case in data.items()}, False)
+    return {name: build_model(CurveCase, case, f"{path}: {name}") for name, case in data.items()}, False
 
 
 def _read_json(path: Path) -> dict[str, Any]:
