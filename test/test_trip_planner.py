@@ -142,6 +142,15 @@ def test_the_force_along_the_profile_is_that_of_the_run(consist: Consist, line: 
     assert work == pytest.approx(run.totals.traction, rel=0.01)
 
 
+def test_a_fall_at_the_end_that_no_brake_holds_is_told(tmp_path: Path, capsys) -> None:
+    """Breaks if a plan ends without a word where its run stops some metres beyond, or a small fall is doubted."""
+    for permille, told in ((-0.4, False), (-1.0, True)):
+        fall = line_of(14e3, grades=[{"at_km": 0, "grade": 0.0}, {"at_km": 9, "grade_permille": permille}])
+        (tmp_path / "trip.csv").unlink(missing_ok=True)
+        execute(options(*trip_words(tmp_path, fall, "time_weight: 1.0\n")[:-1], str(tmp_path / "trip.csv")))
+        assert ("falls by 1.0 per mille at the end of the trip" in capsys.readouterr().err) == told
+
+
 def test_a_weight_of_the_fatigue_trades_damage_for_energy_and_time(consist: Consist, line: Line) -> None:
     """Breaks if the weight has no effect, or the planner takes limits that cost more than those of the settings."""
     settings = TripSettings(end=12_000.0, time_weight=1.0, fatigue_weight=20.0)
@@ -205,7 +214,7 @@ def test_one_command_writes_a_scenario_that_runs(tmp_path: Path, line: Line, cap
     words = trip_words(tmp_path, calling, "time_weight: 1.0\n")
     execute(options(*words, "--out", str(tmp_path / "trip.png"), "--json"))
     told = capsys.readouterr()
-    assert "note: the trip passes stops of the line: km 3.000; --from-km" in told.err
+    assert "note: the trip passes stops of the line: km 3.000; --from-km" in told.err and "falls" not in told.err
     figures = json.loads(told.out)
     scenario, _ = load_scenario(str(out))
     assert scenario.brake.policy == "trip" and len(scenario.brake.applications) == len(figures["applications"])

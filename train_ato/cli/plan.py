@@ -103,17 +103,29 @@ def trip_from_options(options: argparse.Namespace, report: Any = lambda _: None)
         journeys = f"{interruption.journeys} journey{'s' if interruption.journeys > 1 else ''}"
         raise RunInterrupted(f"interrupted after {journeys}{'; ' + kept if files else ''}") from None
     files = _write_files(options, plan, line, consist)
-    _note_passed_stops(plan, line, consist)
+    _note_stops(plan, line, consist)
     return {"train": consist.name, "line": line.name, **plan.summary(), "files": [str(path) for path in files]}
 
 
-def _note_passed_stops(plan: TripPlan, line: Line, consist: Consist) -> None:
-    """Name the stops of the line between begin and end of a trip on stderr: the train passes them."""
+HOLDING = 0.6
+"""Part of the running resistance up to which a fall does not move the stop by metres."""
+
+
+def _note_stops(plan: TripPlan, line: Line, consist: Consist) -> None:
+    """Name on stderr stops of the line that a trip passes, and a fall at its end that no brake of the plan holds."""
     begin, end = plan.profile.position[[0, -1]] + consist.vehicles[0].length / 2
     passed = [f"km {stop.at / 1e3:.3f}" for stop in line.stops if begin + 1.0 < stop.at < end - 1.0]
     if passed:
         text = line.with_posts(f"{', '.join(passed)}; --from-km and --to-km have begin and end")
         sys.stderr.write(f"note: the trip passes stops of the line: {shown_text(text)}\n")
+    model, stop = plan.model, float(plan.profile.position[-1])
+    held = HOLDING * model.running_resistance(0.5) - sum(model.limits_of_units([0.0] * model.n_units)[0])
+    if (fall := -model.line_force(stop)) > held:
+        permille = 1e3 * fall / (model.mass * consist.gravity)
+        sys.stderr.write(
+            f"note: the line falls by {permille:.1f} per mille at the end of the trip, and the electric brake fades "
+            "there: the train stops some metres beyond, or not at all; move the end (--to-km)\n"
+        )
 
 
 def _write_files(options: argparse.Namespace, plan: TripPlan, line: Line, consist: Consist) -> list[Path]:

@@ -166,8 +166,8 @@ def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[floa
     return settings.air_brake.reductions or (brake.reduction[-1],)
 
 
-ALMOST = 0.99
-"""Part of the largest change of the force from which it is the largest one."""
+ALMOST, BEFORE = 0.99, 60
+"""Part of the largest change of the force from which it is the largest one, and samples before a limit with it."""
 SHARE_ROUNDS = 2
 """Number of corrections of the shares of the power units; the second one corrects the first by a tenth."""
 
@@ -246,7 +246,7 @@ class TripPlanner:
             first = worst - int((excess[worst::-1] <= 0.0).argmax())
             if np.interp(run.position[worst], journey.place, journey.speed) > run.speed[worst] - excess[worst]:
                 reason = "the permitted brakes are too weak there; permit more brake or reductions"
-            elif run.force[first] - run.force[first + 1] >= ALMOST * settings.slew * run.period:
+            elif np.diff(run.force)[max(first - BEFORE, 0) : first + 1].min() <= -ALMOST * settings.slew * run.period:
                 reason = f"the brake changes by at most slew_kn_per_s = {settings.slew / 1e3:g}; permit a larger slew"
             else:
                 reason = f"a trip averages its forces over {SMOOTHING:g} m; plan without --trip"
