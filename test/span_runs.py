@@ -3,6 +3,7 @@
 from typing import Any
 from unittest.mock import patch
 
+from engine_runs import PARTS
 from numba import typeof
 
 from train_ato.api.scenario_choice import choose_scenario
@@ -28,7 +29,7 @@ class Messages(Sink):
 
 
 def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
-    return choose_scenario(name).changed(changes, None).prepare()
+    return choose_scenario(name).changed(changes, None).prepare(parts=PARTS)
 
 
 class Both:

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("without_figure")
 
 FIGURES = read_rows(Path(__file__).resolve().parents[1] / MEASURED)
 FIRST = {key: row.name for row in reversed(ROWS) if not row.slow for key in (row.kind, row.reaction)}
-"""First fault of every kind and of every reaction: the quick runs."""
+"""First fault of every kind and of every reaction: the quick runs, less those of the campaign in case_costs.txt."""
 MARKS = {row.name: [] if row.name in FIRST.values() else [pytest.mark.campaign] for row in ROWS}
 
 
