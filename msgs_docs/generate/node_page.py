@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate.rows import table_lines, texts
+from msgs_docs.generate.rows import parameter_cell, table_lines, texts
 from plant_sim.units import number_text
 from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
@@ -106,10 +106,4 @@ def _row(node: Any, name: str) -> tuple[str, ...]:
         else descriptor.additional_constraints
     )
     fixed = " (at the start only)" if descriptor.read_only else ""
-    return f"`{name}`", _shown(value), allowed or "-", f"{descriptor.description}{fixed}"
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return number_text(value) if isinstance(value, (int, float)) else str(value) or "-"
+    return f"`{name}`", parameter_cell(value), allowed or "-", f"{descriptor.description}{fixed}"

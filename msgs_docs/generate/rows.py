@@ -9,6 +9,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from plant_sim.library import read_yaml
+from plant_sim.units import number_text
 
 
 def read_rows(path: Path) -> Any:
@@ -33,6 +34,13 @@ def write_rows(path: Path, value: Any, levels: int = 1) -> None:
 def row_line(*cells: object) -> str:
     """Return the line of a table with some cells, whose bars are escaped."""
     return "| " + " | ".join(re.sub(r"(?<!\\)\|", r"\\|", str(cell)) for cell in cells) + " |"
+
+
+def parameter_cell(value: object) -> str:
+    """Return the value of a parameter as the text of a cell."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return number_text(value) if isinstance(value, (int, float)) else str(value) or "-"
 
 
 def table_lines(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> list[str]:

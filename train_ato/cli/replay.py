@@ -33,7 +33,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json, print_table
 from train_ato.program.arguments import Options, parse_rate
@@ -241,7 +241,15 @@ def compare_laws(options: argparse.Namespace) -> None:
     if options.json:
         print_json(summary)
     else:
-        _print(summary, output_names(recorded, recorded_summary, options.law))
+        print_table(
+            ("output", *output_names(recorded, recorded_summary, options.law)),
+            ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
+            f"{summary['controller']} on the recorded inputs of {summary['run']}",
+        )
+        print_table(("quantity", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
+        sys.stdout.write(
+            f"Open loop: these commands did not act on the recorded train.\nfigure in {summary['figure']}\n"
+        )
 
 
 def _figure_path(options: argparse.Namespace) -> Path:
@@ -265,13 +273,3 @@ def _figure_path(options: argparse.Namespace) -> Path:
     if not os.access(wanted.parent, os.W_OK):
         raise ValueError(f"{wanted}: the folder is not writable; give another place with --out")
     return wanted
-
-
-def _print(summary: dict[str, Any], names: tuple[str, str]) -> None:
-    print_table(
-        ("output", *names),
-        ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
-        f"{summary['controller']} on the recorded inputs of {summary['run']}",
-    )
-    print_table(("quantity", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
-    sys.stdout.write(f"Open loop: these commands did not act on the recorded train.\nfigure in {summary['figure']}\n")

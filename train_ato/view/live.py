@@ -310,13 +310,6 @@ class LiveFeed(Feed):
         """Remove a queue."""
         self.controls.submit(lambda: self._taps.remove(queue))
 
-    def _copy(self) -> None:
-        if self._taps:
-            self._copier = self._copier or Copier(self._listening, self.facts.layout)
-            for message in self._copier.poll():
-                for queue in self._taps:
-                    queue.append(message)
-
     def _run(self) -> None:
         """Spin the executor and read the topics until the feed is closed."""
         period = 1.0 / FRAMES_PER_SECOND
@@ -341,7 +334,11 @@ class LiveFeed(Feed):
         self._process_messages()
         self._look_for_end(now)
         self._begin_if_seen(now)
-        self._copy()
+        if self._taps:
+            self._copier = self._copier or Copier(self._listening, self.facts.layout)
+            for message in self._copier.poll():
+                for queue in self._taps:
+                    queue.append(message)
         if moment is not None:
             factor, state = self._rate(now, moment.time), self._plant_state(now)
             if self.requirements is not None:

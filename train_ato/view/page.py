@@ -219,17 +219,14 @@ class Along:
         self.figures = [coupler]
         if facts.layout.air_brake:
             coupler.xaxis.visible = False
-            self.figures.append(self._shoes(span, tools))
+            plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
+            bars = plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
+            add_hover(plot, bars, [("vehicle", "@vehicle"), ("brake shoes", "@shoe{0} kN")])
+            plot.yaxis.ticker.desired_num_ticks = 3
+            plot.xgrid.visible = False
+            self.figures.append(plot)
         self.figures[-1].xaxis.ticker = models.BasicTicker(min_interval=1, num_minor_ticks=0)
         self.figures[-1].xaxis.axis_label = "vehicle (front of the train on the right)"
-
-    def _shoes(self, span: models.Range1d, tools: dict[str, Any]) -> Any:
-        plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
-        bars = plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
-        add_hover(plot, bars, [("vehicle", "@vehicle"), ("brake shoes", "@shoe{0} kN")])
-        plot.yaxis.ticker.desired_num_ticks = 3
-        plot.xgrid.visible = False
-        return plot
 
     def show(self, along: dict[str, Any]) -> None:
         """Show the forces of a snapshot."""

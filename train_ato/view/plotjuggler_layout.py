@@ -53,7 +53,15 @@ def plotjuggler_layout(log: LogSignals, target: Path) -> str:
     ET.SubElement(root, "use_relative_time_offset", enabled="1")
     ET.SubElement(root, "Plugins")
     _data_file(root, log, target)
-    _equations(root, equations)
+    made = ET.SubElement(root, "customMathEquations")
+    for name, (function, (first, *others)) in equations.items():
+        snippet = ET.SubElement(made, "snippet", name=name)
+        ET.SubElement(snippet, "global")
+        ET.SubElement(snippet, "function").text = function
+        ET.SubElement(snippet, "linked_source").text = first
+        additional = ET.SubElement(snippet, "additional_sources")
+        for number, other in enumerate(others, 1):
+            ET.SubElement(additional, f"v{number}").text = other
     ET.SubElement(root, "snippets")
     ET.indent(root, " ")
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -139,15 +147,3 @@ def _data_file(root: ET.Element, log: LogSignals, target: Path) -> None:
         max_array_size=str(max(MIN_ARRAY, longest)),
         selected_topics=topics,
     )
-
-
-def _equations(root: ET.Element, equations: dict[str, tuple[str, Sequence[str]]]) -> None:
-    made = ET.SubElement(root, "customMathEquations")
-    for name, (function, (first, *others)) in equations.items():
-        snippet = ET.SubElement(made, "snippet", name=name)
-        ET.SubElement(snippet, "global")
-        ET.SubElement(snippet, "function").text = function
-        ET.SubElement(snippet, "linked_source").text = first
-        additional = ET.SubElement(snippet, "additional_sources")
-        for number, other in enumerate(others, 1):
-            ET.SubElement(additional, f"v{number}").text = other

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from msgs_docs.generate.rows import page_text, table_lines
+from msgs_docs.generate.rows import page_text, parameter_cell, table_lines
 from plant_sim.library import consist_names, load_consist, load_line
 from plant_sim.units import number_text
 from train_ato.control.compensation.contract import check_compatible
@@ -346,14 +346,8 @@ def parameter_table(component: Component) -> list[str]:
     entries = component.parameters
     if not entries:
         return ["None."]
-    rows = [(f"`{e.name}`", _default(e), e.unit or "-", _range(e), e.meaning) for e in entries]
+    rows = [(f"`{e.name}`", parameter_cell(e.default), e.unit or "-", _range(e), e.meaning) for e in entries]
     return table_lines(("parameter", "default", "unit", "range", "meaning"), rows)
-
-
-def _default(entry: Parameter) -> str:
-    if isinstance(entry.default, bool):
-        return str(entry.default).lower()
-    return entry.default if isinstance(entry.default, str) else number_text(entry.default)
 
 
 def _range(entry: Parameter) -> str:

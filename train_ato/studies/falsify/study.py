@@ -102,7 +102,8 @@ def requirement_target(given: str, scenario: Scenario, option: str = "requiremen
                 raise ValueError(f"{option} {given}: the scenario has no limit of it; add criteria.{given}")
             return RequirementTarget(given, None, criterion.unit)
     try:
-        return _of_formula(_free_name(named), given)
+        names = (DEFAULT_NAME, *(f"{DEFAULT_NAME}_{number}" for number in range(2, len(named) + 3)))
+        return _of_formula(next(name for name in names if name not in named), given)
     except ValueError as error:
         known = [*named, *(criterion.key for criterion in CRITERIA)]
         near = close_match(given, known)
@@ -112,11 +113,6 @@ def requirement_target(given: str, scenario: Scenario, option: str = "requiremen
 def _of_formula(name: str, text: str) -> RequirementTarget:
     dimension = robustness_dimension(parse_formula(text))
     return RequirementTarget(name, text, "" if dimension is None else unit_text(dimension))
-
-
-def _free_name(named: dict[str, str]) -> str:
-    names = [DEFAULT_NAME, *(f"{DEFAULT_NAME}_{number}" for number in range(2, len(named) + 3))]
-    return next(name for name in names if name not in named)
 
 
 def run_target(choice: ScenarioChoice, target: RequirementTarget, changes: Changes) -> TargetRun:
