@@ -144,17 +144,16 @@ class BrakeSpec(SiModel):
 
     @model_validator(mode="after")
     def _fits(self) -> BrakeSpec:
-        if self.policy == "planned" and not self.events:
-            raise ValueError("policy planned needs events; give a list of {time or place, reduction}")
-        if self.policy != "planned" and self.events:
-            raise ValueError(
-                f"events need policy planned, here {self.policy}; set brake.policy: planned or remove brake.events"
-            )
-        if (self.policy == "trip") != bool(self.applications):
-            raise ValueError(
-                f"policy {self.policy} with {len(self.applications)} applications; policy trip needs some, the others "
-                "have none"
-            )
+        for policy, key, rows, remedy in (
+            ("planned", "events", self.events, "give a list of {time or place, reduction}"),
+            ("trip", "applications", self.applications, "take those of `train-ato plan LINE TRAIN --trip`"),
+        ):
+            if self.policy == policy and not rows:
+                raise ValueError(f"policy {policy} needs {key}; {remedy}")
+            if self.policy != policy and rows:
+                raise ValueError(
+                    f"{key} need policy {policy}, here {self.policy}; set brake.policy: {policy} or brake.{key}: []"
+                )
         return self
 
     @property
