@@ -25,7 +25,6 @@ from train_ato.api.following import run_following
 from train_ato.api.following_live import run_following_live
 from train_ato.api.progress import COMPILE_NOTE
 from train_ato.api.run import Run, RunRecord
-from train_ato.api.series_folder import RowWriter
 from train_ato.cli.main import main
 from train_ato.judge.result import RunResult
 from train_ato.log.run_folder import RunFolder
@@ -33,7 +32,6 @@ from train_ato.loop.engine import run_engine
 from train_ato.program.errors import FirstFailure, RunFailed
 from train_ato.scenario.following import load_following
 from train_ato.scenario.scenario_files import shipped_following
-from train_ato.studies.sweep.row import Row
 
 ENVIRONMENT = {"PYTHONDONTWRITEBYTECODE": "1"}
 """Variables of a program: Python would leave cut files of bytecode, which later tests cannot import."""
@@ -225,12 +223,7 @@ def test_a_sweep_without_room_for_its_figures_names_its_runs(tmp_path: Path, mon
     def no_room(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", "out/box.png")
 
-    def ran(_: object, rows: list[Row], writer: RowWriter, **__: object) -> None:
-        if not rows:
-            writer.add([{"run": 1, "point": {}, "status": "done"}])
-
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("train_ato.studies.sweep.sweep.PreparedSweep._run_missing", ran)
     monkeypatch.setattr("train_ato.studies.sweep.result.SweepResult.figures", no_room)
     Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3]}, set: {duration: 2}}")
     for kept in ("1 finished run is", "2 finished runs are"):

@@ -236,14 +236,14 @@ def assert_equal(found: np.ndarray, wanted: np.ndarray, text: str) -> None:
     assert np.abs(found[finite] - wanted[finite]).max(initial=0.0) <= 1e-9, text
 
 
-def test_random_formulas_equal_rtamt() -> None:
+def test_500_random_formulas_equal_rtamt() -> None:
     """Breaks if an operator, a window, the end of the run or the precedence of the text has another meaning."""
     try:
         importlib.import_module("rtamt")
     except ImportError as error:
         pytest.skip(f"rtamt: {error}; it has no release for this Python")
     operators = set()
-    for seed in range(200):
+    for seed in range(500):
         stream = np.random.default_rng(seed)
         node, signals = random_formula(stream, 1 + seed % 4, LONGEST), samples(stream)
         operators.add(node.kind)
