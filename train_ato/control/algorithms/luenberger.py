@@ -10,7 +10,6 @@ A constant d is found without offset; the error falls like (1 + k (1 - b)) b^k f
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from plant_sim.compiled import compiled
 from plant_sim.record import quantity, zeros
@@ -44,11 +43,6 @@ def unknown_rate(own: Tracked, period: float, gain: float, rate_gain: float, mea
     return own.unknown_rate
 
 
-@compiled
-def _of_first(state: Any, period: float, gain: float, rate_gain: float, measured: float, rate: float) -> float:
-    return float(unknown_rate(state[0], period, gain, rate_gain, measured, rate))
-
-
 class LuenbergerObserver:
     """Observer of one quantity, called from Python.
 
@@ -69,4 +63,4 @@ class LuenbergerObserver:
 
     def step(self, measured: float, known: float) -> float:
         """Return the unknown rate for a sample and the known mean rate since the previous sample."""
-        return float(_of_first(self._state, *self._gains, measured, known))
+        return float(unknown_rate(self._state[0], *self._gains, measured, known))

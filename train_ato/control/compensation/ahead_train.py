@@ -24,7 +24,6 @@ The force at the stroke, that of the closed gear, stays. A negative wear is a st
 slack than the model has.
 """
 
-from collections import deque
 from dataclasses import dataclass
 from operator import add
 
@@ -201,6 +200,11 @@ class AheadTrain:
         Policy of the air brake, not shared; None without one.
     start
         Time of the initial state [s].
+
+    Attributes
+    ----------
+    window : tuple of int
+        First control step in use, and the one behind the last: an earlier window is a return to the state then.
     """
 
     def __init__(
@@ -219,11 +223,9 @@ class AheadTrain:
         self._start = start
         self._inertia, self._offsets = model.unit_inertia.tolist(), model.offsets.tolist()
         self._demand = np.zeros((self._train.substeps, model.n_units))
-        self._forces: deque[list[float]] = deque()
-        self._first = 0
-        self._computed: deque[list[float]] = deque()
-        self._made: list[list[float]] = []
-        self._marks: list[tuple[int, int]] = []
+        self._forces: list[list[float]] = []
+        self._kept = 0
+        self.window = 0, 0
         self.errors = [0.0, 0.0, 0.0, 0.0]
         self._worn: WornCopy | None = None
         if parameters.identify:
@@ -255,40 +257,30 @@ class AheadTrain:
         n_units = self._model.n_units
         return self.force(n_units, t), self.force(n_units + 1, t)
 
-    def begin_record(self) -> None:
-        """Begin a record of reads that :meth:`rewind` can undo."""
-        self._made, self._marks = list(self._forces), []
-
-    def mark(self) -> None:
-        """Mark the state before a read."""
-        self._marks.append((self._first, len(self._made)))
-
-    def rewind(self, read: int) -> None:
-        """Return to the state after a number of recorded reads; forces computed since then are used again."""
-        marks, self._marks = self._marks, []
-        if read < len(marks):
-            first, made = marks[read]
-            self._computed.extendleft(reversed(self._made[made:]))
-            self._forces = deque(self._made[first - marks[0][0] : made])
-            self._first = first
+    def forget(self) -> None:
+        """Drop the forces before the window."""
+        del self._forces[: self.window[0] - self._kept]
+        self._kept = self.window[0]
 
     def run(self, until: float, keep_from: float) -> None:
-        """Advance the train until the forces up to ``until`` exist; drop those before ``keep_from`` [s]."""
-        while self._start + (self._first + len(self._forces) - 1) * self._period < until:
-            force = self._computed.popleft() if self._computed else self._step()
-            self._forces.append(force)
-            if self._marks:
-                self._made.append(force)
-        while len(self._forces) > 2 and self._start + (self._first + 1) * self._period < keep_from:
-            self._forces.popleft()
-            self._first += 1
+        """Move the window over the forces from ``keep_from`` to ``until`` [s], for which the train advances."""
+        first, end = self.window
+        while self._start + (end - 1) * self._period < until:
+            if end - self._kept == len(self._forces):
+                self._forces.append(self._step())
+            end += 1
+        while end - first > 2 and self._start + (first + 1) * self._period < keep_from:
+            first += 1
+        self.window = first, end
 
     def force(self, unit: int, t: float) -> float:
         """Return the force of a unit at a simulated time [N], linear between the control steps."""
-        place = (t - self._start) / self._period - self._first
-        index = min(max(int(place), 0), len(self._forces) - 2)
-        low = self._forces[index][unit]
-        return low + (place - index) * (self._forces[index + 1][unit] - low)
+        first, end = self.window
+        place = (t - self._start) / self._period - first
+        index = min(max(int(place), 0), end - first - 2)
+        row = first - self._kept + index
+        low, high = self._forces[row][unit], self._forces[row + 1][unit]
+        return low + (place - index) * (high - low)
 
     def _step(self) -> list[float]:
         train, model = self._train, self._model

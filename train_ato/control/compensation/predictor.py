@@ -280,12 +280,6 @@ def predict(
         predict_train(p, delay, actuators, sent, along, now, units)
 
 
-@compiled
-def _predict(all_p, chain, actuators, sent, along, all_now, units):  # type: ignore[no-untyped-def]
-    """Call :func:`predict` from Python."""
-    predict(all_p[0], chain, actuators, sent, along, all_now[0], units)
-
-
 class Predictor(PreviewFeedforward):
     """State, reference and feed-forward of the time of effect, from the commands in flight."""
 
@@ -349,7 +343,7 @@ class Predictor(PreviewFeedforward):
             units["resistance"] = model.own_resistance(measured.velocity, measured.position)
         self.now["t"], self.now["train_shoe_force"] = inputs.t, shoes
         self.now["line_force"] = model.line_force(model.front(measured.position))
-        _predict(self.constants, self.chain(delay), self.actuators, sent, self.along, self.now, units)
+        predict(self.constants[0], self.chain(delay), self.actuators, sent, self.along, self.now[0], units)
         return UnitState(units["position"].copy(), units["velocity"].copy(), units["applied"].copy())
 
     def chain(self, delay: float) -> Chain:

@@ -30,15 +30,6 @@ def demand_ahead(table: Array, begin: float, spacing: float, lag: float, t: floa
     return float(force + lag * ((after - before) / spacing))
 
 
-@compiled
-def demands_ahead(table: Array, begin: float, spacing: float, lag: float, times: Array) -> Array:
-    """Return :func:`demand_ahead` at every time of an array."""
-    found = np.empty(times.size)
-    for i in range(times.size):
-        found[i] = demand_ahead(table, begin, spacing, lag, times[i])
-    return found
-
-
 class RigidForce:
     """Total force of the nominal train along a profile, without the air brake.
 
@@ -61,7 +52,11 @@ class RigidForce:
 
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, shape (times,)."""
-        return np.asarray(demands_ahead(self.forces, self.begin, self.spacing, lag, t))
+        force, after, before = (
+            each_between_entries(self.forces, (t + shift - self.begin) / self.spacing)
+            for shift in (0.0, 0.5 * self.spacing, -0.5 * self.spacing)
+        )
+        return np.asarray(force + lag * ((after - before) / self.spacing))
 
     def resistances(self, t: Array) -> Array:
         """Return running and line resistance at many times [s] in N."""

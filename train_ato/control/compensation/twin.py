@@ -64,6 +64,7 @@ class Twin(PreviewFeedforward):
         self._ahead: AheadTrain | None = None
         self._identification = TrainIdentification(period) if parameters.identify else None
         self._last = 0.0
+        self._windows: list[tuple[int, int]] = []
 
     def set_brake_policy(self, policy: BrakePolicy) -> None:
         """Set the policy for the air brake of the twin."""
@@ -83,6 +84,7 @@ class Twin(PreviewFeedforward):
         if self._ahead is None:
             self._ahead = AheadTrain(self.model.without_learned, self.rigid.profile, self.parameters, self._policy, t)
         shoes = self.shoes.at(t, inputs.reference.velocity)
+        self._ahead.forget()
         force = self._read(t)
         if self._identification is not None:
             self._identify(self._identification, inputs, shoes.total)
@@ -122,17 +124,19 @@ class Twin(PreviewFeedforward):
     def feedforwards(self, times: Array, shoes: Array) -> Array:
         """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""
         assert self._ahead is not None
-        self._ahead.begin_record()
-        found = np.empty((times.size, self.model.n_units))
+        self._ahead.forget()
+        found, self._windows = np.empty((times.size, self.model.n_units)), []
         for index, t in enumerate(times.tolist()):
-            self._ahead.mark()
+            self._windows.append(self._ahead.window)
             found[index] = self._read(t)
         return found
 
     def rewind(self, read: int) -> None:
         """Set the twin to its state after the first ``read`` times of the last :meth:`feedforwards`."""
         assert self._ahead is not None
-        self._ahead.rewind(read)
+        windows, self._windows = self._windows, []
+        if read < len(windows):
+            self._ahead.window = windows[read]
 
     @property
     def started(self) -> bool:
