@@ -13,10 +13,7 @@ STATUS = "plan.status"
 """Key of the result of the solver."""
 PASSES = "passes the stop by"
 """Part of the status of a plan that cannot stop in front of its target, before the distance."""
-ARRAYS = {
-    "plan.times": "times", "plan.position": "position", "plan.speed": "speed", "plan.force": "force",
-    "plan.slack": "slack",
-}  # fmt: skip
+ARRAYS = {f"plan.{name}": name for name in ("times", "position", "speed", "force", "slack")}
 """Arrays of a plan by their keys; the times are simulation times."""
 MAX_POINTS = 200
 """Largest number of points in a text; a longer plan has the first ones."""

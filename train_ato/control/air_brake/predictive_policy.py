@@ -97,75 +97,6 @@ class PipeAction(NamedTuple):
 Schedule = tuple[PipeAction, ...]
 
 
-class ScheduleForecast:
-    """Predicted cost of schedules of one train."""
-
-    def __init__(self, rules: PredictiveRules, model: TrainModel) -> None:
-        self._rules = rules
-        self._charged = 0.0 if model.consist.air_brake is None else model.consist.air_brake.charged
-        self._times: Array = STEP * np.arange(1.0, round(rules.horizon / STEP) + 1.0)
-        self._track, begin = _track(model)
-        self._forces = _largest_forces(model)
-        vehicles = model.consist.vehicles
-        self._vehicles = np.zeros((2, len(vehicles)))
-        self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
-        self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
-        c0, c1, c2 = model.running
-        constants = s.ForecastConstants(
-            inertia=model.inertia, c0=c0, c1=c1, c2=c2, line_begin=begin, step=STEP, gain=GAIN,
-            electric_use=rules.electric_use, lowest_release=rules.never_below, error=rules.speed_error,
-            coupler_max=rules.coupler_max, speed_step=SPEED_STEP, has_electric=bool(self._forces[s.BRAKE].any()),
-        )  # fmt: skip
-        self._constants = records_of(s.ForecastConstants, [constants])
-
-    def least_cost(self, schedule: Schedule, reduction: float) -> float:
-        """Return a lower bound of the cost: that of the applications alone."""
-        before = (reduction, *(action.reduction for action in schedule))
-        begun = [a == 0.0 < b for a, b in pairwise(before)]
-        return self._rules.application_cost * begun.count(True)
-
-    def cost(
-        self,
-        t: float,
-        now: Records[s.ForecastNow],
-        reference: Array,
-        shoes: ShoeForecast,
-        *,
-        reduction: float,
-        schedule: Schedule,
-    ) -> float:
-        """Return the mean cost of a schedule.
-
-        Parameters
-        ----------
-        t
-            Time of the decision [s].
-        now
-            Present state of the train.
-        reference
-            Speeds of the profile at the steps [m/s].
-        shoes
-            Forecast of the shoe forces without the schedule.
-        reduction
-            Present reduction [Pa].
-        schedule
-            Actions by rising time.
-        """
-        copy, begin = shoes.copy(), self._times - STEP
-        applied = np.full(begin.size, reduction > 0.0)
-        released = np.zeros(begin.size, dtype=np.bool_)
-        for after, to in schedule:
-            copy.demand(t + after, self._charged - to)
-            first = int(np.searchsorted(begin, after))
-            applied[first:] = to > 0.0
-            released[first : first + 1] |= to == 0.0
-        slow = copy.slow_forces_at(t + self._times - 0.5 * STEP)
-        cost: float = s.schedule_cost(
-            self._constants, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
-        )
-        return cost + self.least_cost(schedule, reduction)
-
-
 def _track(model: TrainModel) -> tuple[Array, float]:
     """Return line force [N] and speed limit [m/s] by the place of vehicle 0's centre, and the first place [m]."""
     _, begin = model.specific_line_force()
@@ -236,8 +167,21 @@ class PredictiveBrake(BrakePolicy):
     def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: ProfileLike) -> None:
         super().__init__(charged, NoRules())
         self._rules, self._model, self._profile = rules, model, profile
-        self._forecast = ScheduleForecast(rules, model)
         self._shoes = ShoeForecast(model)
+        self._times: Array = STEP * np.arange(1.0, round(rules.horizon / STEP) + 1.0)
+        self._track, begin = _track(model)
+        self._forces = _largest_forces(model)
+        vehicles = model.consist.vehicles
+        self._vehicles = np.zeros((2, len(vehicles)))
+        self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
+        self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
+        c0, c1, c2 = model.running
+        forecast = s.ForecastConstants(
+            inertia=model.inertia, c0=c0, c1=c1, c2=c2, line_begin=begin, step=STEP, gain=GAIN,
+            electric_use=rules.electric_use, lowest_release=rules.never_below, error=rules.speed_error,
+            coupler_max=rules.coupler_max, speed_step=SPEED_STEP, has_electric=bool(self._forces[s.BRAKE].any()),
+        )  # fmt: skip
+        self._constants = records_of(s.ForecastConstants, [forecast])
         self._unknown = LuenbergerObserver(BANDWIDTH, rules.period)
         self.state["due"], self.state["rest"] = -np.inf, np.inf
         self._changed_at = -np.inf
@@ -283,17 +227,42 @@ class PredictiveBrake(BrakePolicy):
         reference, stop = self._reference(position)
         now = records_of(s.ForecastNow, [s.ForecastNow(position, velocity, unknown, stop)])
         best: Schedule = ()
-        lowest = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=())
+        lowest = self._cost(t, now, reference, ())
         slow = reference < self._rules.never_below + self._rules.speed_error  # too slow for a release
         latest = STEP * max(int(slow.argmax()) - 1, 0) if slow.any() else self._rules.horizon
         for schedule in self._schedules(t, latest):
-            if lowest <= self._forecast.least_cost(schedule, self._reduction):
+            if lowest <= self._least_cost(schedule):
                 continue
-            cost = self._forecast.cost(t, now, reference, self._shoes, reduction=self._reduction, schedule=schedule)
+            cost = self._cost(t, now, reference, schedule)
             if cost < lowest:
                 best, lowest = schedule, cost
         if best and best[0].after == 0.0:
             self._set(t, best[0].reduction)
+
+    def _least_cost(self, schedule: Schedule) -> float:
+        """Return a lower bound of the cost: that of the applications alone."""
+        before = (self._reduction, *(action.reduction for action in schedule))
+        begun = [a == 0.0 < b for a, b in pairwise(before)]
+        return self._rules.application_cost * begun.count(True)
+
+    def _cost(self, t: float, now: Records[s.ForecastNow], reference: Array, schedule: Schedule) -> float:
+        """Return the mean cost of a schedule, actions by rising time, for a decision at a time [s].
+
+        ``now`` is the present state of the train, ``reference`` are the speeds of the profile at the steps [m/s].
+        """
+        copy, begin = self._shoes.copy(), self._times - STEP
+        applied = np.full(begin.size, self._reduction > 0.0)
+        released = np.zeros(begin.size, dtype=np.bool_)
+        for after, to in schedule:
+            copy.demand(t + after, self.charged - to)
+            first = int(np.searchsorted(begin, after))
+            applied[first:] = to > 0.0
+            released[first : first + 1] |= to == 0.0
+        slow = copy.slow_forces_at(t + self._times - 0.5 * STEP)
+        cost: float = s.schedule_cost(
+            self._constants, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
+        )
+        return cost + self._least_cost(schedule)
 
     def _set(self, t: float, reduction: float) -> None:
         self.state["reduction"], self.state["rest"], self._changed_at = reduction, np.inf, t
