@@ -154,18 +154,12 @@ def is_valid_preview(preview: Preview) -> bool:
 
 
 @compiled
-def _are_within(positions: Any, motions: Any, forces: Any) -> bool:
-    """Return True if all values are finite and physically possible; three tuples of arrays."""
+def _are_within(arrays: Any, bound: float) -> bool:
+    """Return True if all values of a tuple of arrays are finite and at most ``bound`` in magnitude."""
     found = True
-    for values in positions:
+    for values in arrays:
         for value in values:
-            found &= abs(value) <= MAX_POSITION
-    for values in motions:
-        for value in values:
-            found &= abs(value) <= MAX_SPEED
-    for values in forces:
-        for value in values:
-            found &= abs(value) <= MAX_FORCE
+            found &= abs(value) <= bound
     return found
 
 
@@ -174,11 +168,10 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
     a = lookahead
     return not a.velocity.size or bool(
         a.position_max >= -MAX_POSITION
-        and _are_within(
-            (a.position,), (a.velocity, a.acceleration, a.speed_limit),
-            (a.resistance, a.force_min.ravel(), a.force_max.ravel(), a.simulated_force),
-        )
-    )  # fmt: skip
+        and _are_within((a.position,), MAX_POSITION)
+        and _are_within((a.velocity, a.acceleration, a.speed_limit), MAX_SPEED)
+        and _are_within((a.resistance, a.force_min.ravel(), a.force_max.ravel(), a.simulated_force), MAX_FORCE)
+    )
 
 
 def write_inputs(i: LawInput, now: Any, units: Any, line_force: float = 0.0) -> bool:

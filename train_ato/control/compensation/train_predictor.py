@@ -55,7 +55,7 @@ class TrainPredictor(CompensationBase):
         self._lead = self._ticks * period
         self._policy: BrakePolicy | None = None
         self._copy: Train | None = None
-        self._sent: Array | None = None
+        self._sent: Array = np.zeros(model.n_units)
         self._past: deque[tuple[Array, Array]] = deque(maxlen=self._ticks + 1)
         self._start = self._t = 0.0
 
@@ -76,15 +76,10 @@ class TrainPredictor(CompensationBase):
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the predicted state of the time of effect."""
         t = inputs.t
-        if self._copy is None:
-            self._begin(t)
-            self._remember()
+        copy = self._copy or self._begin(t)
         for _ in range(round((t - self._t) / self.period)):
-            self._advance()
-            self._remember()
+            self._advance(copy)
         self._t = t
-        copy = self._copy
-        assert copy is not None
         (position, velocity), (then_position, then_velocity) = self._past[-1], self._past[0]
         measured = inputs.measurement
         state = UnitState(
@@ -97,27 +92,22 @@ class TrainPredictor(CompensationBase):
         couplers = copy.coupler_force[self._couplers]
         return self.law_input(inputs, effect, feedforward, shoes, state, couplers)
 
-    def _begin(self, t: float) -> None:
+    def _begin(self, t: float) -> Train:
         """Start the copy at the reference state and advance it by the lead without a command."""
-        self._copy = nominal_copy(self.model, self.rigid.profile, t, self.period, self.parameters.step)
+        self._copy = copy = nominal_copy(self.model, self.rigid.profile, t, self.period, self.parameters.step)
         self._start = self._t = t
         self._sent = np.zeros(self.model.n_units)
-        self._demand = np.zeros((self._copy.substeps, self.model.n_units))
+        self._demand = np.zeros((copy.substeps, self.model.n_units))
+        self._past.append((copy.position[self._units], copy.velocity[self._units]))
         for _ in range(self._ticks):
-            self._remember()
-            self._advance()
+            self._advance(copy)
+        return copy
 
-    def _remember(self) -> None:
-        assert self._copy is not None
-        self._past.append((self._copy.position[self._units], self._copy.velocity[self._units]))
-
-    def _advance(self) -> None:
-        assert self._copy is not None
-        assert self._sent is not None
+    def _advance(self, copy: Train) -> None:
         pressure = None
         if self._policy is not None:
-            copy, time = self._copy, self._start + self._copy.time
-            force = total_of_units(copy.applied)
+            time, force = self._start + copy.time, total_of_units(copy.applied)
             pressure = self._policy.step(time, float(copy.position[0]), float(copy.velocity[0]), force)
         self._demand[:] = self._sent
-        self._copy.advance(self._demand, pressure)
+        copy.advance(self._demand, pressure)
+        self._past.append((copy.position[self._units], copy.velocity[self._units]))

@@ -61,7 +61,8 @@ class Twin(PreviewFeedforward):
         super().__init__(parameters, model, period)
         self._longest = max(*self.forward, *self.backward)
         self._policy: BrakePolicy | None = None
-        self._ahead: AheadTrain | None = None
+        self._ahead: AheadTrain
+        self.started = False
         self._identification = TrainIdentification(period) if parameters.identify else None
         self._last = 0.0
         self._windows: list[tuple[int, int]] = []
@@ -73,7 +74,7 @@ class Twin(PreviewFeedforward):
     def reset(self) -> None:
         """Discard the twin; the next step starts a new one."""
         super().reset()
-        self._ahead = None
+        self.started = False
         if self._identification is not None:
             self._identification = TrainIdentification(self.period)
 
@@ -81,7 +82,8 @@ class Twin(PreviewFeedforward):
         """Return the measured state with the force of the twin at the time of effect."""
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
-        if self._ahead is None:
+        if not self.started:
+            self.started = True
             self._ahead = AheadTrain(self.model.without_learned, self.rigid.profile, self.parameters, self._policy, t)
         shoes = self.shoes.at(t, inputs.reference.velocity)
         self._ahead.forget()
@@ -92,7 +94,6 @@ class Twin(PreviewFeedforward):
 
     def _identify(self, identification: TrainIdentification, inputs: CompensationInput, shoes: float) -> None:
         """Compare train and twin now, and correct the twin once a ``CORRECTION_TIME``."""
-        assert self._ahead is not None
         model, t, now = self.model, inputs.t, inputs.reference
         if abs(t - self._last - self.period) > 0.5 * self.period:
             identification.miss()
@@ -123,7 +124,6 @@ class Twin(PreviewFeedforward):
 
     def feedforwards(self, times: Array, shoes: Array) -> Array:
         """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""
-        assert self._ahead is not None
         self._ahead.forget()
         found, self._windows = np.empty((times.size, self.model.n_units)), []
         for index, t in enumerate(times.tolist()):
@@ -133,18 +133,11 @@ class Twin(PreviewFeedforward):
 
     def rewind(self, read: int) -> None:
         """Set the twin to its state after the first ``read`` times of the last :meth:`feedforwards`."""
-        assert self._ahead is not None
         windows, self._windows = self._windows, []
         if read < len(windows):
             self._ahead.window = windows[read]
 
-    @property
-    def started(self) -> bool:
-        """True after the first step."""
-        return self._ahead is not None
-
     def _read(self, t: float) -> Array:
-        assert self._ahead is not None
         self._ahead.profile = self.rigid.profile
         self._ahead.run(t + self._longest + self.lag, keep_from=t)
         wanted = []
@@ -157,7 +150,6 @@ class Twin(PreviewFeedforward):
 
     def _force(self, unit: int, t: float) -> float:
         """Return the force of a unit of the twin at a time [s], with its share of the learned force [N]."""
-        assert self._ahead is not None
         force: float = self._ahead.force(unit, t)
         if self.model.learned is None:
             return force
