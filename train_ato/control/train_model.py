@@ -277,13 +277,12 @@ class TrainModel:
             self.vehicles[i] = (vehicles[unit].mass, *polynomials[unit].tolist(), offset, table.begin)
 
     def _shares(self) -> Array:
-        largest = np.array([envelope.largest() for envelope in self.traction])
-        if largest.sum() <= 0:
-            largest = np.array([envelope.largest() for envelope in self.brake])
-        shares: Array = (
-            largest / largest.sum() if largest.sum() > 0 else np.full(self.n_units, 1 / max(1, self.n_units))
-        )
-        return shares
+        for kind in (self.traction, self.brake):
+            largest = np.array([envelope.largest() for envelope in kind])
+            if largest.sum() > 0:
+                shares: Array = largest / largest.sum()
+                return shares
+        return np.full(self.n_units, 1 / max(1, self.n_units))
 
     @cached_property
     def uneven(self) -> bool:

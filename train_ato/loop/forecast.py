@@ -44,7 +44,7 @@ class Forecast:
         self._times: Array = np.asarray(stamps * 1e-9, dtype=np.float64)
         now = effect = profile.at_stamps(stamps)
         if isinstance(compensation, PreviewFeedforward):
-            mean = mean_over_units(setup.model.share.tolist(), compensation.forward)
+            mean = mean_over_units(setup.model.share.tolist(), compensation.actuators["forward"].tolist())
             effects = np.rint((self._times + mean) * 1e9).astype(np.int64)
             effect = profile.at_stamps(effects)
             self._effects = self._times + mean

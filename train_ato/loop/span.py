@@ -72,7 +72,8 @@ def has_compiled_form(stack: ControlStack, law: Any, setup: RunSetup) -> bool:
         return compensation.known_delay is not None
     if isinstance(compensation, Twin) and (compensation.parameters.identify or not compensation.started):
         return False  # its twin depends on the measurements
-    if isinstance(compensation, PreviewFeedforward) and compensation.forward != compensation.backward:
+    actuators = compensation.actuators if isinstance(compensation, PreviewFeedforward) else None
+    if actuators is not None and (actuators["forward"] != actuators["backward"]).any():
         shoes = setup.layout.air_brake and not isinstance(compensation, Twin)
         return not (shoes or getattr(law, "uses_effect", True))  # the time of the effect depends on the last command
     return True

@@ -51,7 +51,6 @@ class CoupledUnits:
         n = self.n = model.n_units
         self.mass: Array = np.array([vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles])
         self.weight: Array = self.mass / self.mass.sum()
-        self._offsets = model.offsets
         self.stiffness: Array = np.array([gear.stiffness for gear in springs])
         stiffness, damping = 0.0 - chain(self.stiffness), 0.0 - chain(np.array([gear.damping for gear in springs]))
         self._rates = np.zeros((3 * n, 3 * n))
@@ -96,44 +95,3 @@ class CoupledUnits:
         rates[: 3 * n, : 3 * n] = self._rates
         rates[2 * n : 3 * n, 2 * n : 3 * n], rates[2 * n : 3 * n, 3 * n :] = -np.eye(n) / lag, np.eye(n) / lag
         return matrix_exponential(rates * h)[: 3 * n]
-
-    def predict(
-        self,
-        position: Array,
-        velocity: Array,
-        applied: Array,
-        due: Array,
-        *,
-        h: float,
-        decay: float,
-        lasting: float,
-        forces: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Return position [m], speed [m/s] and applied force [N] of every unit after the commands that are due.
-
-        Parameters
-        ----------
-        position, velocity, applied : Array, shape (units,)
-            Measured position [m], speed [m/s] and acting force [N].
-        due : Array, shape (count, units)
-            Commands due in every sub-interval [N].
-        h
-            Length of a sub-interval [s].
-        decay, lasting
-            Part of a deviation of the applied force that remains at the end of a sub-interval, and its mean over it.
-        forces : Array, shape (count, units)
-            Other outside forces on every unit [N], > 0 forward.
-        """
-        n, step = self.n, self.step_matrix(h)
-        place = position + self._offsets
-        origin = float(place[0])
-        state = np.concatenate((place - origin, velocity, np.zeros(n)))
-        acting: list[list[float]] = [applied.tolist()]
-        for row in due.tolist():
-            acting.append([command + (now - command) * decay for command, now in zip(row, acting[-1], strict=True)])
-        driving = due + (np.array(acting[:-1]) - due) * lasting + forces
-        motion, constant = state[: 2 * n], state[2 * n :]
-        for force in driving:
-            constant[:] = force
-            motion[:] = step.dot(state)  # 1 us less than the operator, with the same bits
-        return motion[:n] + origin - self._offsets, motion[n:].copy(), np.array(acting[-1])

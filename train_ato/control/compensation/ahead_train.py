@@ -129,11 +129,7 @@ class WornCopy:
         self._model = model
         self._share = model.share.tolist()
         self._demand = np.zeros((self.train.substeps, model.n_units))
-        self.set_wear(0.0)
-
-    def set_wear(self, wear: float) -> None:
-        """Set the wear of the twin."""
-        set_wear(self.train, wear + WEAR_STEP)
+        set_wear(self.train, WEAR_STEP)
 
     def step(self, twin: Train, places: list[float], speeds: list[float], pressure: float | None) -> list[float]:
         """Advance by a control period, after the twin.
@@ -249,7 +245,7 @@ class AheadTrain:
                     train.add_jump(Jump(at=train.time, what=what, factor=factor, vehicles=vehicles))
         set_wear(self._train, errors[WEAR])
         if self._worn is not None:
-            self._worn.set_wear(errors[WEAR])
+            set_wear(self._worn.train, errors[WEAR] + WEAR_STEP)
         self.errors = errors
 
     def by_wear(self, t: float) -> tuple[float, float]:

@@ -356,4 +356,5 @@ class Predictor(PreviewFeedforward):
     @property
     def known_delay(self) -> float | None:
         """Mean delay of the model [s]; None for one that is estimated or depends on the sign of the commands."""
-        return None if self._estimate or self.forward != self.backward else mean_delay(self.actuators, NONE_SENT)
+        of_sign = (self.actuators["forward"] != self.actuators["backward"]).any()
+        return None if self._estimate or of_sign else mean_delay(self.actuators, NONE_SENT)

@@ -65,15 +65,3 @@ class PreviewFeedforward(CompensationBase):
         effect = t + mean_delay(self.actuators, inputs.commands_in_flight)
         feedforward = self.feedforward(t, self.shoes_along(effect).total)
         return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
-
-    @property
-    def forward(self) -> list[float]:
-        """Delay of a command forwards of every unit [s]."""
-        delays: list[float] = self.actuators["forward"].tolist()
-        return delays
-
-    @property
-    def backward(self) -> list[float]:
-        """Delay of a command backwards of every unit [s]."""
-        delays: list[float] = self.actuators["backward"].tolist()
-        return delays

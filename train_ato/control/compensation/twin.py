@@ -59,7 +59,8 @@ class Twin(PreviewFeedforward):
 
     def __init__(self, parameters: TwinParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._longest = max(*self.forward, *self.backward)
+        self._delays = [*zip(self.actuators["forward"].tolist(), self.actuators["backward"].tolist(), strict=True)]
+        self._longest = max(map(max, self._delays))
         self._policy: BrakePolicy | None = None
         self._ahead: AheadTrain
         self.started = False
@@ -83,8 +84,8 @@ class Twin(PreviewFeedforward):
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         if not self.started:
-            self.started = True
             self._ahead = AheadTrain(self.model.without_learned, self.rigid.profile, self.parameters, self._policy, t)
+            self.started = True
         shoes = self.shoes.at(t, inputs.reference.velocity)
         self._ahead.forget()
         force = self._read(t)
@@ -141,7 +142,7 @@ class Twin(PreviewFeedforward):
         self._ahead.profile = self.rigid.profile
         self._ahead.run(t + self._longest + self.lag, keep_from=t)
         wanted = []
-        for unit, (forward, backward) in enumerate(zip(self.forward, self.backward, strict=True)):
+        for unit, (forward, backward) in enumerate(self._delays):
             force = self._force(unit, t + forward + self.lag)
             if force < 0.0 and backward != forward:
                 force = min(0.0, self._force(unit, t + backward + self.lag))

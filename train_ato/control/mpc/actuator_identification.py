@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_exp
+from plant_sim.elementary import libm_exp, plain_sum
 from train_ato.control.train_model import TrainModel, newest_arrived
 from train_ato.messages.types import Array
 
@@ -92,9 +92,7 @@ class ActuatorIdentification:
         self._nominal = int(np.argmin(np.abs(self._factors - 1.0)))
         self._factors[self._nominal] = 1.0
         self.length = int(np.ceil(self._delays.max() * self._factors.max() / model.tick - 1e-9)) + 1
-        largest = 0.0
-        for envelope in (*model.traction, *model.brake):
-            largest += envelope.largest()
+        largest = plain_sum(envelope.largest() for envelope in (*model.traction, *model.brake))
         self._floor = (FORCE_FLOOR * largest) ** 2
         keep, ticks = math.exp(-model.tick / MEMORY_TIME), max(1, round(period / model.tick))
         self._clock = model.tick, model.lag, keep, ticks

@@ -161,11 +161,19 @@ class UnitDeviations:
             due = np.empty((ticks, n))
             commands_due(sent, actuators, self._tick, due)
             decay = math.exp(-self._tick / self._lag) if self._lag > 0.0 else 0.0
-            lasting = (1.0 - decay) * self._lag / self._tick
-            slow = np.tile(self._slow, (ticks, 1))
-            places, speeds, applied = self._units.predict(
-                places, speeds, applied, due, h=self._tick, decay=decay, lasting=lasting, forces=slow
-            )
+            acting: list[list[float]] = [applied.tolist()]
+            for row in due.tolist():
+                acting.append([command + (now - command) * decay for command, now in zip(row, acting[-1], strict=True)])
+            lasting = (1.0 - decay) * self._lag / self._tick  # mean of a deviation of the applied force over a tick
+            driving = due + (np.array(acting[:-1]) - due) * lasting + self._slow
+            places = places + self._offsets
+            origin = float(places[0])
+            moved, step = np.concatenate((places - origin, speeds, np.zeros(n))), self._units.step_matrix(self._tick)
+            motion, constant = moved[: 2 * n], moved[2 * n :]
+            for force in driving:
+                constant[:] = force
+                motion[:] = step.dot(moved)  # 1 us less than the operator, with the same bits
+            places, speeds, applied = motion[:n] + origin - self._offsets, motion[n:], np.array(acting[-1])
         last = self._between(sent[-1] if len(sent) else applied)
         deviations = (self._deviations(places + self._offsets), self._deviations(speeds), self._between(applied), last)
         change = self._gain.dot(np.concatenate(deviations))
