@@ -234,10 +234,15 @@ class TripPlanner:
     def _check_limits(self, run: TripRun, journey: Journey) -> None:
         """Check that the run of the nominal train keeps the speed limits.
 
+        Parameters
+        ----------
+        run, journey
+            Run along a journey. With a weak brake the journey exceeds the limit, too.
+
         Raises
         ------
         ValueError
-            With the place of the largest excess.
+            With the place of the largest excess and its reason.
         """
         settings, limits = self._settings, SpeedLimits(self._model.line, float("inf"))
         excess = run.speed - limits.at(run.position + self._half, self._model.consist.length)

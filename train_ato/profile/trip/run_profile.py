@@ -48,6 +48,13 @@ def _change(speed: float, deceleration: float, final: float, jerk: float) -> tup
 def final_deceleration(speed: float, deceleration: float, distance: float, jerk: float = JERK) -> float:
     """Return the final deceleration that stops the train after a distance [m/s²].
 
+    Parameters
+    ----------
+    speed, deceleration
+        State at the begin [m/s, m/s²].
+    distance, jerk
+        Distance to the stop [m], and change of the deceleration per second [m/s³].
+
     Raises
     ------
     ValueError
