@@ -419,9 +419,9 @@ def test_killed_nodes_take_over_without_a_jump(victims: tuple[str, ...], tmp_pat
 
     Two new processes must not wait for ever for each other; no message of the plant may be lost.
     """
-    # The train coasts until the nodes return, however long their processes take to start on a loaded machine.
+    # The train coasts until the nodes return. Their processes have 8 s of wall time to start on a loaded machine.
     coasts = ("supervision.failsafe.coast=600", "supervision.failsafe.service=600")
-    setup = metro("duration=110", "ato_requests=[{at: 95, do: engage}]", *coasts)
+    setup = metro("duration=210", "ato_requests=[{at: 195, do: engage}]", *coasts)
     outcome = struck(setup, tmp_path, victims)
     assert outcome.failure is None
     assert (outcome.summary["status"], outcome.summary["restarts"]) == ("done", dict.fromkeys(victims, 1))
@@ -439,9 +439,9 @@ def test_killed_nodes_take_over_without_a_jump(victims: tuple[str, ...], tmp_pat
     assert re.search(rf"ATO engaged → disengaging: node ({'|'.join(victims)}) restarted", told)
     reports = messages(tmp_path, setup, "ato/state")
     engaged = [report.stamp * 1e-9 for report in reports if report.state[0] == AtoState.ENGAGED]
-    assert max(engaged) > 95 and not [time for time in engaged if STRUCK_S + RATE < time < 95]
+    assert max(engaged) > 195 and not [time for time in engaged if STRUCK_S + RATE < time < 195]
     speed = {truth.stamp * 1e-9: truth.velocity[0] for truth in messages(tmp_path, setup, "train/vehicles")}
-    assert max(value for time, value in speed.items() if time > 100) > 1.0
+    assert max(value for time, value in speed.items() if time > 200) > 1.0
 
 
 @pytest.mark.graph
