@@ -325,7 +325,11 @@ def test_funnels_in_saturation_and_gains_outside():
     assert own["phi1"] == pytest.approx(6e-4 / 0.0035, rel=0.1)
     fixed = make(of, funnel="fixed")
     fixed.step(inputs(of, velocity=np.array([2.0])))
+    widen(fixed.constants[0], fixed.state[0], 0.0, 0.0, False, 1.0)
     assert fixed.state[["phi1", "phi2"]][0].item() == (0.5, 0.1)
+    prescribed = make(of, funnel="prescribed")
+    prescribed.step(inputs(of, velocity=np.array([2.0])))
+    assert prescribed.state["phi2"][0] < 0.1
     of = model(SINGLE)
     far = inputs(of, position=np.array([505.0]))
     own = of.running_resistance(10.0)

@@ -165,8 +165,12 @@ def test_a_weight_of_the_fatigue_trades_damage_for_energy_and_time(consist: Cons
 def test_brakes_that_are_too_weak_are_refused(consist: Consist, line: Line) -> None:
     """Breaks if a plan exceeds the limit silently because its train has no air brake."""
     bare = consist.model_copy(update={"air_brake": None})
-    with pytest.raises(ValueError, match=r"no journey beyond km"):
-        TripPlanner(line, bare, TripSettings(end=12_000.0)).at_price(1.0)
+    grades = [{"at_km": at, "grade_permille": permille} for at, permille in ((0, 0), (3, -9), (5, 0))]
+    limits = [{"at_km": at, "speed_kmh": speed} for at, speed in ((0, 60), (3, 30), (5, 60))]
+    slow = line_of(14e3, grades=grades, speed_limits=limits)
+    for tried, message in ((line, "no journey beyond km"), (slow, "exceeded .* the permitted brakes are too weak")):
+        with one_line(message):
+            TripPlanner(tried, bare, TripSettings(end=12_000.0)).at_price(1.0)
 
 
 @pytest.mark.parametrize("wagons", [[20], [0, 60], [80, 0], [50, 50, 0]])

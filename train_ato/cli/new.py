@@ -42,10 +42,9 @@ def execute(options: argparse.Namespace) -> None:
     texts, following = (_code if options.kind in CODE_KINDS else _data)(options.kind, options.name, options.like)
     for path in texts:
         check_new_file(path, (path.suffix,), "NAME")
-    found = (
-        find_spec(options.name) if options.kind in CODE_KINDS else None
-    )  # of a folder without __init__.py without origin, and a file precedes it
-    if options.kind in CODE_KINDS and (iskeyword(options.name) or (found is not None and found.origin is not None)):
+    # A folder without ``__init__.py`` has no origin, and a file precedes it.
+    module = find_spec(options.name) if options.kind in CODE_KINDS else None
+    if options.kind in CODE_KINDS and (iskeyword(options.name) or (module is not None and module.origin is not None)):
         raise ValueError(f"NAME {options.name}: Python has this word or module already; choose another name")
     with ExitStack() as made:
         for path, text in texts.items():
