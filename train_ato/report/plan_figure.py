@@ -134,7 +134,7 @@ def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
     figures = plan.summary()
     figure.suptitle(
         f"{consist.name} on {line.name}: {figures['running_time_s']:.0f} s, {figures['energy_kwh']:.0f} kWh, "
-        f"{len(plan.applications)} applications"
+        f"{len(plan.applications)} application{'' if len(plan.applications) == 1 else 's'}"
     )
     write_figure(figure, path)
 
